@@ -1,0 +1,34 @@
+//! The vocabulary of covista: geometry and frames, the road, the bicycle model and the payloads
+//! that travel between the stages.
+//!
+//! *Architecture invariant:* this crate knows no truth and does no I/O. A stage that depends on
+//! nothing else of covista can neither read the simulator's state nor write a file.
+//!
+//! Frames: the world and the road are z-up; the vehicle frame is x forward, y left, z up with its
+//! origin on the ground below the rear axle; the LIDAR frame has the vehicle frame's axes and sits
+//! at the sensor; the camera frame is x right, y down, z forward. `a_from_b` maps coordinates in
+//! `b` to coordinates in `a`. SI units, radians.
+
+mod behaviour;
+mod bicycle;
+mod dimensions;
+mod geometry;
+mod lane;
+mod percept;
+mod road;
+mod sensing;
+mod sharing;
+mod validate;
+
+pub use behaviour::{Action, ActionVerdict, BarrierKind, FilterOutcome};
+pub use bicycle::{BicycleState, ControlInput, STEP_S, bicycle_step};
+pub use dimensions::{ObjectClass, VehicleDimensions};
+pub use geometry::{Se2Pose, wrap_angle};
+pub use lane::{LANE_COUNT, LaneIndex};
+pub use percept::{Detection3d, LaneMarks, MARK_COUNT, MarkCurve, Percept, ROW_ANCHORS, RowAnchor};
+pub use road::{FrenetPoint, FrenetPose, Road, RoadError, RoadSegment};
+pub use sensing::{Calibration, CameraImage, CameraIntrinsics, PointCloud, SensorFrame};
+pub use sharing::{
+    CollectivePerceptionMessage, ObjectState, PerceivedObject, Sighting, StationId, Track,
+};
+pub use validate::{InvalidPayload, Validate};
