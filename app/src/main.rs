@@ -1,1 +1,42 @@
-fn main() {}
+//! The binary `covista`: arguments, progress, tables, errors. It holds no logic of its own.
+//!
+//! *Architecture invariant:* every error that reaches this crate is told once, here, in one line,
+//! and ends the process with exit code 2.
+
+mod cli;
+mod dataset;
+mod demo;
+mod eval;
+mod models;
+mod output;
+mod record;
+mod table;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+fn main() -> ExitCode {
+    let result = match cli::Cli::parse().command {
+        None => demo::run(&cli::DemoArgs::default()),
+        Some(cli::Command::Demo(args)) => demo::run(&args),
+        Some(cli::Command::Dataset(args)) => dataset::run(&args),
+        Some(cli::Command::Eval(args)) => eval::run(&args),
+        Some(cli::Command::Models(args)) => models::run(&args),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("covista: {}", one_line(&error));
+            ExitCode::from(2)
+        }
+    }
+}
+
+/// The error and its causes on one line.
+fn one_line(error: &anyhow::Error) -> String {
+    format!("{error:#}")
+        .split_whitespace()
+        .collect::<Vec<_>>()
+        .join(" ")
+}

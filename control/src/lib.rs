@@ -1,1 +1,39 @@
+//! Preference to control input: a verdict on each action, and for the action taken the control
+//! input u = [tan(delta), a] nearest to its reference within the safe set.
+//!
+//! *Architecture invariant:* this crate is safety-critical and small. It knows the road, the ego
+//! vehicle's own state and what the vehicle itself knows of others; it knows no truth, no network
+//! and no policy, and does no I/O.
+//!
+//! ```text
+//! minimise    || u - U a ||^2
+//! subject to  h_k(x+) >= (1 - eta) h_k(x)   where h_k(x) >= 0
+//!             h_k(x+) >= h_k(x)             where h_k(x) <  0,  for every barrier k
+//!             u in U,  v + a Ts >= 0
+//! ```
+//!
+//! The barriers are not affine in x: every one is turned into the exact interval that it leaves to
+//! one component of u (module `barriers`), so the QP's rows carry no linearisation error. A gap is
+//! the arc length of the lane itself from the ego vehicle's front to the other's rear bumper.
+//!
+//! The flow of one step is [`Controller::control`]: manoeuvre, reference, rows, filter.
 
+mod barriers;
+mod controller;
+mod distance;
+mod filter;
+mod manoeuvre;
+mod path;
+mod qp;
+mod reference;
+mod settings;
+mod sight;
+mod situation;
+mod verdict;
+
+pub use controller::{ControlOutput, Controller, Excuse, Excused};
+pub use distance::Closing;
+pub use manoeuvre::Manoeuvre;
+pub use settings::{ControlSettings, ReferenceSettings, SafetySettings, SettingsError};
+pub use sight::{SightLine, clear_until_m};
+pub use situation::{EgoState, LaneSet, Neighbour, Situation};

@@ -1,1 +1,27 @@
+//! One frame in, percepts out.
+//!
+//! The camera's image goes through a UFLD row-anchor network to [`lanes`], the LIDAR's sweep
+//! through PointPillars to boxes ([`pointpillars`]) and to the range that is confirmed free
+//! ([`free_space`]); [`fusion`] puts the boxes into lanes. [`Perceiver`] does it all for one
+//! frame. The networks are ONNX files, each described by a [`ModelCard`], and run in
+//! [`OnnxRuntime`], which is found on the machine or fetched once.
+//!
+//! *Architecture invariant:* this crate knows one [`covista_world::SensorFrame`] and the sensors'
+//! calibration, nothing else: no truth, no map, no earlier frame, no other vehicle.
 
+mod card;
+pub mod free_space;
+pub mod fusion;
+pub mod lanes;
+pub mod metrics;
+mod models;
+mod perceiver;
+pub mod pointpillars;
+mod runtime;
+
+pub use card::{
+    AnchorSpec, CardError, Dimension, ModelCard, Network, PointPillarsSpec, TensorSpec, UfldSpec,
+};
+pub use models::{DETECTOR_MODEL, LANE_MODEL, ModelError, list_models, open_model, verify_model};
+pub use perceiver::{FramePercepts, PerceiveError, Perceiver, StageTimes};
+pub use runtime::{ONNX_RUNTIME_VERSION, OnnxRuntime, RuntimeError};

@@ -27,7 +27,7 @@ pub use geometry::{Se2Pose, wrap_angle};
 pub use lane::{LANE_COUNT, LaneIndex};
 pub use percept::{Detection3d, LaneMarks, MARK_COUNT, MarkCurve, Percept, ROW_ANCHORS, RowAnchor};
 pub use road::{FrenetPoint, FrenetPose, Road, RoadError, RoadSegment};
-pub use sensing::{Calibration, CameraImage, CameraIntrinsics, PointCloud, SensorFrame};
+pub use sensing::{Calibration, CameraImage, CameraIntrinsics, FreeSpace, PointCloud, SensorFrame};
 pub use sharing::{
     CollectivePerceptionMessage, ObjectState, PerceivedObject, Sighting, StationId, Track,
 };

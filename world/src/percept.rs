@@ -1,5 +1,4 @@
 use nalgebra::Vector3;
-use serde::{Deserialize, Serialize};
 
 use crate::{LaneIndex, ObjectClass};
 

@@ -91,7 +91,9 @@ pub enum RoadError {
     #[error("segment {0} of the road has a length or curvature that is no usable number")]
     BadSegment(usize),
     /// A lane centre would come to lie at or beyond the centre of the turn.
-    #[error("segment {index} of the road turns with radius {radius_m:.1} m, tighter than the road is wide")]
+    #[error(
+        "segment {index} of the road turns with radius {radius_m:.1} m, tighter than the road is wide"
+    )]
     TooTight {
         /// Which segment, from 0.
         index: usize,
@@ -117,13 +119,12 @@ impl Node {
     fn position_at(&self, ds: f64) -> Vector2<f64> {
         // Gauss-Legendre quadrature with three points: exact to 1e-13 over half a metre.
         let (offset, outer, inner) = ((0.6_f64).sqrt(), 5.0 / 18.0, 8.0 / 18.0);
-        [(-offset, outer), (0.0, inner), (offset, outer)].iter().fold(
-            self.pose.position(),
-            |sum, &(node, weight)| {
+        [(-offset, outer), (0.0, inner), (offset, outer)]
+            .iter()
+            .fold(self.pose.position(), |sum, &(node, weight)| {
                 let (sin, cos) = self.heading_at(0.5 * ds * (1.0 + node)).sin_cos();
                 sum + weight * ds * Vector2::new(cos, sin)
-            },
-        )
+            })
     }
 
     fn pose_at(&self, ds: f64) -> Se2Pose {
@@ -262,10 +263,7 @@ impl Road {
 
     /// Largest |curvature| of the reference line between `from_m` and `to_m`.
     pub fn max_abs_curvature(&self, from_m: f64, to_m: f64) -> f64 {
-        let ends = self
-            .curvature(from_m)
-            .abs()
-            .max(self.curvature(to_m).abs());
+        let ends = self.curvature(from_m).abs().max(self.curvature(to_m).abs());
         let first = self.nodes.partition_point(|node| node.s_m < from_m);
         self.nodes[first.min(self.nodes.len())..]
             .iter()

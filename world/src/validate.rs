@@ -97,7 +97,10 @@ mod tests {
             points: vec![[0.0; 4], [0.0, f32::NAN, 0.0, 0.0]],
         };
         let message = cloud.validate().expect_err("refused").to_string();
-        assert!(message.starts_with("point 1 of the point cloud"), "{message}");
+        assert!(
+            message.starts_with("point 1 of the point cloud"),
+            "{message}"
+        );
     }
 
     #[test]

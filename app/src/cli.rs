@@ -1,0 +1,157 @@
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+
+/// Cooperative vision, planning and safe control of connected vehicles, on a laptop.
+///
+/// Without a command: `covista demo obstacle-at-corner`.
+#[derive(Debug, Parser)]
+#[command(name = "covista", version)]
+pub struct Cli {
+    #[command(subcommand)]
+    pub command: Option<Command>,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Drive a scenario with and without shared vision and compare
+    Demo(DemoArgs),
+    /// Write synthetic camera and LIDAR frames with their ground truth
+    Dataset(DatasetArgs),
+    /// Measure a network on a dataset
+    Eval(EvalArgs),
+    /// List the networks, or check their files against their cards
+    Models(ModelsArgs),
+}
+
+/// Which of the two runs to make.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum SharingArg {
+    On,
+    Off,
+    Both,
+}
+
+/// Where percepts come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum PerceptionArg {
+    /// The lane network and the detector, on rendered images and point clouds
+    Network,
+    /// Exact boxes and lanes of what is in line of sight
+    Truth,
+}
+
+#[derive(Debug, Args)]
+pub struct DemoArgs {
+    /// A built-in scenario or a TOML file
+    #[arg(default_value = "obstacle-at-corner")]
+    pub scenario: String,
+    /// Whether the CAVs share what they see
+    #[arg(long, value_enum, default_value = "both")]
+    pub sharing: SharingArg,
+    /// Where percepts come from
+    #[arg(long, value_enum, default_value = "network")]
+    pub perception: PerceptionArg,
+    /// Simulated seconds, instead of the scenario's
+    #[arg(long, value_name = "S")]
+    pub duration: Option<f64>,
+    /// Seed of everything random
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// Output folder [default: out/SCENARIO]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Folder of the networks and their cards [default: models, where the command runs or beside
+    /// the sources]
+    #[arg(long, value_name = "DIR")]
+    pub models: Option<PathBuf>,
+    /// Write the truth as CSV, one row a vehicle every 0.1 s
+    #[arg(long, value_name = "FILE")]
+    pub trace: Option<PathBuf>,
+    /// Open the recordings in the rerun viewer afterwards
+    #[arg(long)]
+    pub view: bool,
+}
+
+impl Default for DemoArgs {
+    fn default() -> Self {
+        Self {
+            scenario: "obstacle-at-corner".into(),
+            sharing: SharingArg::Both,
+            perception: PerceptionArg::Network,
+            duration: None,
+            seed: 0,
+            out: None,
+            models: None,
+            trace: None,
+            view: false,
+        }
+    }
+}
+
+/// Which frames of a dataset; scenes of different splits are never the same.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum SplitArg {
+    Train,
+    Val,
+    Test,
+}
+
+#[derive(Debug, Args)]
+pub struct DatasetArgs {
+    /// Output folder, in KITTI's layout with TuSimple's lane labels beside it
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Frames in all; those already there are kept
+    #[arg(long)]
+    pub frames: usize,
+    /// Seed of the scenes
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// Split
+    #[arg(long, value_enum, default_value = "train")]
+    pub split: SplitArg,
+}
+
+/// What to measure.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum EvalWhat {
+    /// TuSimple accuracy of the lane network
+    Lanes,
+    /// Average precision of the detector
+    Detector,
+}
+
+#[derive(Debug, Args)]
+pub struct EvalArgs {
+    /// What to measure
+    #[arg(value_enum)]
+    pub what: EvalWhat,
+    /// Dataset folder as `covista dataset` writes it
+    #[arg(long, value_name = "DIR")]
+    pub data: PathBuf,
+    /// Folder of the networks
+    #[arg(long, value_name = "DIR")]
+    pub models: Option<PathBuf>,
+    /// Write the rows as JSON
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub struct ModelsArgs {
+    /// What to do
+    #[arg(value_enum, default_value = "list")]
+    pub what: ModelsWhat,
+    /// Folder of the networks
+    #[arg(long, value_name = "DIR")]
+    pub models: Option<PathBuf>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ModelsWhat {
+    /// One line a network
+    List,
+    /// Check hash, names and shapes
+    Verify,
+}

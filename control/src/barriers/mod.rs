@@ -1,0 +1,70 @@
+//! One file for each barrier. Each states h and the interval that its row leaves to one component
+//! of u.
+
+pub mod curve_speed;
+pub mod front;
+pub mod lateral;
+pub mod rear;
+pub mod sight;
+
+use covista_world::BarrierKind;
+
+/// The component of u that a row bounds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Input {
+    /// u_1 = tan(delta).
+    TanDelta,
+    /// u_2 = a.
+    Accel,
+}
+
+/// One row of the QP: an interval for one component of u.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Row {
+    /// The barrier.
+    pub kind: BarrierKind,
+    /// The neighbour that it is about, by its id.
+    pub neighbour: Option<u32>,
+    /// What it bounds.
+    pub input: Input,
+    /// Smallest value.
+    pub lower: f64,
+    /// Largest value.
+    pub upper: f64,
+    /// h(x) of the barrier: metres, but m/s for the curve speed.
+    pub h: f64,
+    /// h_0(x) of the collision level, in metres; infinite where there is none.
+    pub h0_m: f64,
+}
+
+impl Row {
+    /// A row `u <= upper`.
+    pub fn at_most(kind: BarrierKind, input: Input, upper: f64, h: f64) -> Self {
+        Self {
+            kind,
+            neighbour: None,
+            input,
+            lower: f64::NEG_INFINITY,
+            upper,
+            h,
+            h0_m: f64::INFINITY,
+        }
+    }
+
+    /// A row `u >= lower`.
+    pub fn at_least(kind: BarrierKind, input: Input, lower: f64, h: f64) -> Self {
+        Self {
+            lower,
+            upper: f64::INFINITY,
+            ..Self::at_most(kind, input, f64::INFINITY, h)
+        }
+    }
+}
+
+/// What h(x+) must reach: (1 - eta) h(x), or h(x) itself where it is negative.
+pub fn target(h: f64, eta: f64) -> f64 {
+    if h >= 0.0 { (1.0 - eta) * h } else { h }
+}
+
+/// h below zero by no more than this is rounding.
+pub const ROUNDING_M: f64 = 1e-6;

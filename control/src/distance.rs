@@ -1,0 +1,187 @@
+use covista_world::STEP_S;
+
+use crate::SafetySettings;
+
+/// How two vehicles in line close in on each other when both brake as hard as they can.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Closing {
+    /// Speed that the ego vehicle loses in a step at least: b_e Ts - W_v.
+    ego_loss_mps: f64,
+    /// Speed that the leader loses in a step at most: b_l Ts.
+    leader_loss_mps: f64,
+    /// c_max: lane metres of the ego vehicle per metre driven.
+    ego_rate: f64,
+    /// c_min: lane metres of the leader per metre driven.
+    leader_rate: f64,
+    /// W_p.
+    noise_position_m: f64,
+}
+
+impl Closing {
+    /// With the settings' braking and noise, and c_max and c_min for the road.
+    pub fn new(settings: &SafetySettings, ego_rate: f64, leader_rate: f64) -> Self {
+        Self {
+            ego_loss_mps: settings.brake_mps2 * STEP_S - settings.noise_speed_mps,
+            leader_loss_mps: settings.leader_brake_mps2 * STEP_S,
+            ego_rate,
+            leader_rate,
+            noise_position_m: settings.noise_position_m,
+        }
+    }
+
+    /// D(v, v_k) = sup over n of `sum_{i<n} ((c_max v_i - c_min v_{k,i}) Ts + W_p)`, in metres.
+    ///
+    /// While both move the terms are linear in i, so the partial sums are a parabola whose peak is
+    /// where the terms change sign; once the leader stands every term is positive. Hence the
+    /// supremum is at 0, at that peak or at the ego vehicle's stop. At standstill there is no
+    /// noise.
+    pub fn distance_m(&self, speed_mps: f64, leader_mps: f64) -> f64 {
+        let (v, v_k) = (speed_mps.max(0.0), leader_mps.max(0.0));
+        let ego_steps = steps_to_stop(v, self.ego_loss_mps);
+        let both_steps = ego_steps.min(steps_to_stop(v_k, self.leader_loss_mps));
+        let first = self.step_m(v, v_k);
+        let slope = (self.leader_rate * self.leader_loss_mps - self.ego_rate * self.ego_loss_mps)
+            * STEP_S;
+        let sum = |n: f64| first * n + slope * n * (n - 1.0) / 2.0;
+
+        let peak = if slope < 0.0 {
+            (first / -slope).ceil().clamp(0.0, both_steps)
+        } else {
+            0.0
+        };
+        let alone = ego_steps - both_steps;
+        let v_alone = v - both_steps * self.ego_loss_mps;
+        let stop = sum(both_steps)
+            + alone * (self.ego_rate * v_alone * STEP_S + self.noise_position_m)
+            - self.ego_rate * self.ego_loss_mps * STEP_S * alone * (alone - 1.0) / 2.0;
+        sum(peak).max(stop).max(0.0)
+    }
+
+    /// What the gap can shrink by in one step at these speeds, in metres.
+    pub fn step_m(&self, speed_mps: f64, leader_mps: f64) -> f64 {
+        let noise = if speed_mps > 0.0 {
+            self.noise_position_m
+        } else {
+            0.0
+        };
+        (self.ego_rate * speed_mps - self.leader_rate * leader_mps) * STEP_S + noise
+    }
+
+    /// The leader's speed after one step of its hardest braking.
+    pub fn leader_after_step_mps(&self, leader_mps: f64) -> f64 {
+        (leader_mps - self.leader_loss_mps).max(0.0)
+    }
+
+    /// Largest speed up to `ceiling_mps` with D(v, v_k) <= `budget_m`; `None` when there is none.
+    ///
+    /// D rises with v, so bisection is exact to rounding.
+    pub fn max_speed_mps(&self, budget_m: f64, leader_mps: f64, ceiling_mps: f64) -> Option<f64> {
+        let fits = |v: f64| self.distance_m(v, leader_mps) <= budget_m;
+        largest(0.0, ceiling_mps, fits)
+    }
+}
+
+/// Steps until `speed - i * loss` is no longer positive. The tolerance keeps the count of a speed
+/// that is a whole number of losses from flickering with rounding.
+fn steps_to_stop(speed_mps: f64, loss_mps: f64) -> f64 {
+    (speed_mps / loss_mps - 1e-9).ceil().max(0.0)
+}
+
+/// Largest x in `[low, high]` for which a condition holds that, once false, stays false; `None`
+/// when it does not hold at `low`.
+pub(crate) fn largest(low: f64, high: f64, holds: impl Fn(f64) -> bool) -> Option<f64> {
+    if !holds(low) {
+        return None;
+    }
+    if holds(high) {
+        return Some(high);
+    }
+    let (mut yes, mut no) = (low, high);
+    for _ in 0..60 {
+        let middle = 0.5 * (yes + no);
+        if holds(middle) {
+            yes = middle;
+        } else {
+            no = middle;
+        }
+    }
+    Some(yes)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn by_sum(closing: &Closing, v: f64, v_k: f64) -> f64 {
+        let (mut sum, mut sup): (f64, f64) = (0.0, 0.0);
+        for i in 0..100_000 {
+            let v_i = v - f64::from(i) * closing.ego_loss_mps;
+            let v_ki = (v_k - f64::from(i) * closing.leader_loss_mps).max(0.0);
+            if v_i <= 0.0 {
+                break;
+            }
+            sum += (closing.ego_rate * v_i - closing.leader_rate * v_ki) * STEP_S
+                + closing.noise_position_m;
+            sup = sup.max(sum);
+        }
+        sup
+    }
+
+    proptest! {
+        #[test]
+        fn the_closed_form_is_the_sum(
+            v in 0.0..40.0_f64, v_k in 0.0..40.0_f64,
+            brake in 4.0..9.0_f64, leader_brake in 3.0..9.0_f64,
+            ego_rate in 1.0..1.1_f64, leader_rate in 0.9..1.0_f64, noisy in any::<bool>(),
+        ) {
+            let noise = if noisy { 1.0 } else { 0.0 };
+            let settings = SafetySettings {
+                brake_mps2: brake,
+                leader_brake_mps2: leader_brake,
+                noise_position_m: 1e-3 * noise,
+                noise_speed_mps: 5e-3 * noise,
+                ..SafetySettings::default()
+            };
+            let closing = Closing::new(&settings, ego_rate, leader_rate);
+            let (fast, exact) = (closing.distance_m(v, v_k), by_sum(&closing, v, v_k));
+            prop_assert!((fast - exact).abs() < 1e-8, "{fast} {exact}");
+        }
+
+        #[test]
+        fn one_step_of_hardest_braking_uses_up_its_own_share(
+            v in 0.0..40.0_f64, v_k in 0.0..40.0_f64, brake in 4.0..9.0_f64, leader_brake in 3.0..9.0_f64,
+        ) {
+            let settings = SafetySettings {
+                brake_mps2: brake,
+                leader_brake_mps2: leader_brake,
+                ..SafetySettings::default()
+            };
+            let closing = Closing::new(&settings, 1.02, 0.98);
+            let next = closing.distance_m(v - closing.ego_loss_mps, closing.leader_after_step_mps(v_k));
+            prop_assert!(closing.distance_m(v, v_k) >= closing.step_m(v, v_k) + next - 1e-9);
+        }
+
+        #[test]
+        fn the_largest_speed_is_the_inverse(v in 0.1..30.0_f64, v_k in 0.0..30.0_f64) {
+            let closing = Closing::new(&SafetySettings::default(), 1.0, 1.0);
+            let distance = closing.distance_m(v, v_k);
+            let back = closing.max_speed_mps(distance, v_k, 60.0).expect("some speed");
+            prop_assert!(back >= v - 1e-9);
+            prop_assert!(closing.distance_m(back, v_k) <= distance + 1e-9);
+        }
+    }
+
+    #[test]
+    fn stopping_from_sixteen_takes_sixteen_metres() {
+        let quiet = SafetySettings {
+            noise_position_m: 0.0,
+            noise_speed_mps: 0.0,
+            ..SafetySettings::default()
+        };
+        // v^2 / (2 b) = 16 m, and half a step at v for the explicit Euler update.
+        let distance = Closing::new(&quiet, 1.0, 1.0).distance_m(16.0, 0.0);
+        assert!((distance - 16.08).abs() < 1e-9, "{distance}");
+    }
+}

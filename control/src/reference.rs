@@ -1,0 +1,132 @@
+use covista_world::{ControlInput, STEP_S};
+
+use crate::barriers::curve_speed::speed_limit_mps;
+use crate::barriers::front::{Ahead, Gap};
+use crate::barriers::lateral::tan_delta_limit;
+use crate::barriers::sight;
+use crate::filter::{Rows, ahead_in, is_in_the_way};
+use crate::manoeuvre::Course;
+use crate::path::LateralPath;
+use crate::{Closing, ControlSettings, Situation};
+
+/// The reference u_nominal = U a of one step: flat outputs for the steering, and a speed that
+/// leaves the filter little to do.
+pub fn reference(
+    situation: &Situation<'_>,
+    course: &Course,
+    path: &LateralPath,
+    last_accel_mps2: f64,
+    settings: &ControlSettings,
+) -> ControlInput {
+    ControlInput {
+        tan_delta: steering(situation, path, settings),
+        accel_mps2: accel(situation, course, last_accel_mps2, settings),
+    }
+}
+
+/// Steers along the path: the endogenous transformation of the flat outputs, with their error fed
+/// back in d and heading over the length that is driven in about 0.7 s.
+fn steering(situation: &Situation<'_>, path: &LateralPath, settings: &ControlSettings) -> f64 {
+    let ego = &situation.ego;
+    let v = ego.state.speed_mps;
+    let point = path.at(situation.road, ego.frenet.s_m);
+    let length_m = (0.7 * v).max(3.5);
+    let error_m = ego.frenet.d_m - point.d_m;
+    let heading_error = (ego.frenet.psi_rad - point.psi_rad).sin();
+    let curvature =
+        point.curvature_per_m - error_m / length_m.powi(2) - 2.0 * heading_error / length_m;
+    let limit = tan_delta_limit(v, ego.dimensions.wheelbase_m, &settings.safety);
+    (curvature * ego.dimensions.wheelbase_m).clamp(-limit, limit)
+}
+
+/// Follows the nearest leader as the intelligent driver model does, at a speed for the curve and
+/// the sight ahead, with bounded jerk.
+fn accel(
+    situation: &Situation<'_>,
+    course: &Course,
+    last_accel_mps2: f64,
+    settings: &ControlSettings,
+) -> f64 {
+    let reference = &settings.reference;
+    let v = situation.ego.state.speed_mps;
+    let mut wanted_mps = situation
+        .desired_speed_mps
+        .min(curve_speed_mps(situation, settings));
+    let mut following = f64::INFINITY;
+    for ahead in ahead_in(situation, course) {
+        wanted_mps = wanted_mps.min(sight_speed_mps(situation, &ahead, settings));
+        for leader in situation.neighbours.iter().filter(|neighbour| {
+            neighbour.lanes.contains(ahead.lane)
+                && is_in_the_way(neighbour, &situation.ego, ahead.kind, settings)
+        }) {
+            let leaving = ahead.leaves_round(leader, &settings.safety);
+            if leaving {
+                wanted_mps = wanted_mps.min(reference.leaving_speed_mps);
+            }
+            let keep_m = if leaving {
+                settings.safety.collision_margin_m
+            } else {
+                ahead.headway_bumper_m(leader.length_m, &settings.safety)
+            } + reference.standstill_gap_m;
+            let time_gap_s = if leaving { 0.0 } else { reference.time_gap_s };
+            let gap = ahead.measured(leader);
+            following = following.min(follow_mps2(gap, keep_m, time_gap_s, settings));
+        }
+    }
+    let free = if v <= wanted_mps {
+        reference.accel_mps2 * (1.0 - (v / wanted_mps.max(0.1)).powi(4))
+    } else {
+        (wanted_mps - v) / 0.4
+    };
+    let last = last_accel_mps2.clamp(-reference.brake_max_mps2, reference.accel_mps2);
+    let jerk = reference.jerk_mps3 * STEP_S;
+    free.min(following)
+        .clamp(-reference.brake_max_mps2, reference.accel_mps2)
+        .clamp(last - jerk, last + jerk)
+        .max(-v / STEP_S)
+}
+
+/// The intelligent driver model's interaction: a (1 - (s* / gap)^2).
+fn follow_mps2(gap: Gap, keep_m: f64, time_gap_s: f64, settings: &ControlSettings) -> f64 {
+    let reference = &settings.reference;
+    let v = gap.speed_mps;
+    let comfort = 2.0 * (reference.accel_mps2 * reference.brake_mps2).sqrt();
+    let dynamic = (v * time_gap_s + v * (v - gap.leader_mps) / comfort).max(0.0);
+    let wanted_m = keep_m + dynamic;
+    reference.accel_mps2 * (1.0 - (wanted_m / gap.gap_m.max(0.1)).powi(2))
+}
+
+fn curve_speed_mps(situation: &Situation<'_>, settings: &ControlSettings) -> f64 {
+    let ego = &situation.ego;
+    let v = ego.state.speed_mps;
+    let preview_s_m = ego.frenet.s_m + 0.4 * v;
+    let brake = settings.reference.brake_mps2;
+    settings.reference.speed_share
+        * speed_limit_mps(situation.road, preview_s_m, v, brake, &settings.safety)
+}
+
+/// The speed from which the sight allows to stop.
+fn sight_speed_mps(
+    situation: &Situation<'_>,
+    ahead: &Ahead<'_>,
+    settings: &ControlSettings,
+) -> f64 {
+    let safety = &settings.safety;
+    let gap = sight::gap(ahead, situation.sight.clear_s_m(ahead.lane));
+    let keep_m = if ahead.leaving {
+        safety.collision_margin_m
+    } else {
+        ahead.headway_bumper_m(situation.ego.dimensions.length_m, safety)
+    };
+    let closing = Closing::new(safety, 1.0, 1.0);
+    let limit = closing.max_speed_mps(gap.gap_m - keep_m, 0.0, 80.0);
+    settings.reference.speed_share * limit.unwrap_or(0.0)
+}
+
+/// Whether the reference itself meets every row.
+pub fn is_safe(u: ControlInput, rows: &Rows) -> bool {
+    rows.hard
+        .iter()
+        .chain(&rows.rear)
+        .all(|row| row.admits(u))
+}

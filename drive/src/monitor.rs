@@ -1,0 +1,315 @@
+use std::collections::{BTreeMap, BTreeSet};
+
+use covista_control::SafetySettings;
+use covista_traffic::{VehicleId, VehicleKind};
+use covista_world::{Action, LaneIndex, Road, Track};
+
+use crate::truth::{TrueVehicle, closing_distance_m};
+
+/// Slower than this for [`STUCK_S`] on end counts as stuck.
+const STUCK_MPS: f64 = 0.5;
+const STUCK_S: f64 = 5.0;
+/// Below this speed a vehicle that leaves its lane round a stopped one keeps the collision
+/// barrier only (shared/CONTROL.md).
+const LEAVING_MPS: f64 = 5.0;
+/// h below this counts as violated: what the monitor's quadrature of the arc length may err by.
+const TOLERANCE_M: f64 = 0.05;
+/// From light on a vehicle to its confirmed track: two frames, the filter's and the step's delay.
+const PERCEPTION_DELAY_S: f64 = 1.5;
+/// A track within this distance of the truth is a track of that vehicle.
+const SAME_OBJECT_M: f64 = 4.0;
+
+/// Which assumption of the promise broke when a CAV left its safe set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Cause {
+    /// A vehicle entered the CAV's lane inside the set.
+    CutIn,
+    /// The vehicle ahead came into sight, or was uncovered by another, inside the set.
+    Revealed,
+    /// Excused: the CAV, slower than 5 m/s, leaves its lane round a stopped vehicle.
+    Leaving,
+    /// The CAV knew nothing of the vehicle although it had been in sight for long enough.
+    MissedObject,
+    /// Its knowledge of the vehicle was wrong by more than the bound.
+    PerceptionError,
+    /// Its knowledge of the vehicle was older than the bound.
+    MessageAge,
+    /// None of them: a defect of covista.
+    Unattributed,
+}
+
+impl Cause {
+    /// Its name in summaries and traces.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::CutIn => "cut-in",
+            Self::Revealed => "revealed",
+            Self::Leaving => "leaving",
+            Self::MissedObject => "missed-object",
+            Self::PerceptionError => "perception-error",
+            Self::MessageAge => "message-age",
+            Self::Unattributed => "unattributed",
+        }
+    }
+
+    /// What the trace's column `excused` says: the excuses that the promise itself names.
+    pub fn excuse(self) -> &'static str {
+        match self {
+            Self::CutIn | Self::Revealed | Self::Leaving => self.name(),
+            _ => "",
+        }
+    }
+}
+
+/// The true barriers of one CAV at one time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TrueBarriers {
+    /// Distance barrier h in metres.
+    pub h_m: f64,
+    /// Collision barrier h_0 in metres.
+    pub h0_m: f64,
+    /// Distance between reference points in metres.
+    pub headway_m: f64,
+    /// Why h is negative, while it is.
+    pub cause: Option<Cause>,
+}
+
+/// What the monitor may ask about one CAV besides the truth.
+#[derive(Clone, Copy)]
+pub struct CavView<'a> {
+    /// The CAV.
+    pub id: VehicleId,
+    /// What it knows, to tell which assumption broke.
+    pub tracks: &'a [Track],
+    /// The action it executes.
+    pub action: Action,
+    /// Time of its newest own perception frame, in seconds.
+    pub now_s: f64,
+}
+
+#[derive(Debug, Default)]
+struct PairState {
+    in_sight_since_s: Option<f64>,
+    /// Lanes that the other vehicle occupied at the last step.
+    occupied: BTreeSet<LaneIndex>,
+    episode: Option<Cause>,
+}
+
+/// Watches the closed loop on the truth: gaps, barriers, collisions, standstill.
+pub struct Monitor {
+    settings: SafetySettings,
+    pairs: BTreeMap<(VehicleId, VehicleId), PairState>,
+    own_lanes: BTreeMap<VehicleId, BTreeSet<LaneIndex>>,
+    slow_since_s: BTreeMap<VehicleId, f64>,
+    stuck: BTreeSet<VehicleId>,
+    collisions: BTreeSet<(VehicleId, VehicleId)>,
+    causes: BTreeMap<Cause, usize>,
+    current: BTreeMap<VehicleId, TrueBarriers>,
+    min_headway_m: BTreeMap<VehicleId, f64>,
+}
+
+impl Monitor {
+    /// A monitor of the promise that `settings` make.
+    pub fn new(settings: SafetySettings) -> Self {
+        Self {
+            settings,
+            pairs: BTreeMap::new(),
+            own_lanes: BTreeMap::new(),
+            slow_since_s: BTreeMap::new(),
+            stuck: BTreeSet::new(),
+            collisions: BTreeSet::new(),
+            causes: BTreeMap::new(),
+            current: BTreeMap::new(),
+            min_headway_m: BTreeMap::new(),
+        }
+    }
+
+    /// Notes that `viewer` has line of sight to `seen` from `time_s` on, or has lost it.
+    pub fn sight(&mut self, viewer: VehicleId, seen: VehicleId, visible: bool, time_s: f64) {
+        let pair = self.pairs.entry((viewer, seen)).or_default();
+        pair.in_sight_since_s = match (visible, pair.in_sight_since_s) {
+            (true, None) => Some(time_s),
+            (true, since) => since,
+            (false, _) => None,
+        };
+    }
+
+    /// One step of the truth.
+    pub fn observe(
+        &mut self,
+        time_s: f64,
+        road: &Road,
+        truth: &[TrueVehicle],
+        cavs: &[CavView<'_>],
+        overlapping: impl IntoIterator<Item = (VehicleId, VehicleId)>,
+    ) {
+        self.collisions.extend(overlapping);
+        for vehicle in truth {
+            self.note_speed(vehicle, time_s);
+        }
+        for view in cavs {
+            if let Some(ego) = truth.iter().find(|vehicle| vehicle.id == view.id) {
+                self.observe_cav(time_s, road, truth, ego, view);
+            }
+        }
+    }
+
+    fn note_speed(&mut self, vehicle: &TrueVehicle, time_s: f64) {
+        if vehicle.kind == VehicleKind::Obstacle || vehicle.speed_mps >= STUCK_MPS {
+            self.slow_since_s.remove(&vehicle.id);
+            return;
+        }
+        let since = *self.slow_since_s.entry(vehicle.id).or_insert(time_s);
+        if time_s - since >= STUCK_S {
+            self.stuck.insert(vehicle.id);
+        }
+    }
+
+    fn observe_cav(
+        &mut self,
+        time_s: f64,
+        road: &Road,
+        truth: &[TrueVehicle],
+        ego: &TrueVehicle,
+        view: &CavView<'_>,
+    ) {
+        let lanes: BTreeSet<LaneIndex> = LaneIndex::all()
+            .filter(|lane| ego.occupies(*lane, road))
+            .collect();
+        let previous = self
+            .own_lanes
+            .insert(ego.id, lanes.clone())
+            .unwrap_or_else(|| lanes.clone());
+        let mut worst: Option<TrueBarriers> = None;
+        for other in truth.iter().filter(|other| other.id != ego.id) {
+            let shared: BTreeSet<LaneIndex> = lanes
+                .iter()
+                .copied()
+                .filter(|lane| other.occupies(*lane, road))
+                .collect();
+            let occupied: BTreeSet<LaneIndex> = LaneIndex::all()
+                .filter(|lane| other.occupies(*lane, road))
+                .collect();
+            let barriers = (!shared.is_empty())
+                .then(|| self.barriers(ego, other, road))
+                .flatten();
+            let pair = self.pairs.entry((ego.id, other.id)).or_default();
+            let violated = barriers.is_some_and(|barriers| barriers.h_m < -TOLERANCE_M);
+            if !violated {
+                pair.episode = None;
+            } else if pair.episode.is_none() {
+                let entered = shared
+                    .iter()
+                    .any(|lane| !pair.occupied.contains(lane) && previous.contains(lane));
+                let fresh = pair
+                    .in_sight_since_s
+                    .is_none_or(|since| time_s - since < PERCEPTION_DELAY_S);
+                let cause = if entered {
+                    Cause::CutIn
+                } else if view.action.is_lane_change() && ego.speed_mps < LEAVING_MPS {
+                    Cause::Leaving
+                } else {
+                    self.settings_cause(other, view, fresh)
+                };
+                let pair = self.pairs.entry((ego.id, other.id)).or_default();
+                pair.episode = Some(cause);
+                *self.causes.entry(cause).or_default() += 1;
+            }
+            let pair = self.pairs.entry((ego.id, other.id)).or_default();
+            pair.occupied = occupied;
+            let cause = pair.episode;
+            if let Some(barriers) = barriers {
+                let least = self
+                    .min_headway_m
+                    .entry(ego.id)
+                    .or_insert(barriers.headway_m);
+                *least = least.min(barriers.headway_m);
+                if worst.is_none_or(|worst| barriers.h_m < worst.h_m) {
+                    worst = Some(TrueBarriers { cause, ..barriers });
+                }
+            }
+        }
+        match worst {
+            Some(barriers) => self.current.insert(ego.id, barriers),
+            None => self.current.remove(&ego.id),
+        };
+    }
+
+    fn barriers(
+        &self,
+        ego: &TrueVehicle,
+        ahead: &TrueVehicle,
+        road: &Road,
+    ) -> Option<TrueBarriers> {
+        let gap_m = ego.gap_to_m(ahead, road)?;
+        let closing_m = closing_distance_m(
+            ego.speed_mps,
+            ahead.speed_mps,
+            self.settings.b_e_mps2,
+            self.settings.b_l_mps2,
+        );
+        let half_lengths_m = (ego.dimensions.length_m + ahead.dimensions.length_m) / 2.0;
+        Some(TrueBarriers {
+            h_m: gap_m - (self.settings.p_safe_m - half_lengths_m) - closing_m,
+            h0_m: gap_m - self.settings.collision_margin_m - closing_m,
+            headway_m: gap_m + half_lengths_m,
+            cause: None,
+        })
+    }
+
+    /// Why a CAV that should have known `other` came too close to it.
+    fn settings_cause(&self, other: &TrueVehicle, view: &CavView<'_>, fresh: bool) -> Cause {
+        let center = other.center;
+        let nearest = view
+            .tracks
+            .iter()
+            .map(|track| {
+                let error_m = (track.state.center.position() - center).norm();
+                (error_m, track)
+            })
+            .min_by(|a, b| a.0.total_cmp(&b.0));
+        match nearest {
+            _ if fresh => Cause::Revealed,
+            None => Cause::MissedObject,
+            Some((error_m, _)) if error_m > SAME_OBJECT_M => Cause::MissedObject,
+            Some((_, track)) if view.now_s - track.measured_s() > self.settings.max_age_s => {
+                Cause::MessageAge
+            }
+            Some((error_m, track)) => {
+                let speed_error = (track.state.velocity_mps - other.velocity).norm();
+                let position_bound = self.settings.sigma_bound * track.position_std_m;
+                let speed_bound = self.settings.sigma_bound * track.velocity_std_mps;
+                if error_m > position_bound || speed_error > speed_bound {
+                    Cause::PerceptionError
+                } else {
+                    Cause::Unattributed
+                }
+            }
+        }
+    }
+
+    /// The true barriers of `cav` against the worst vehicle ahead in its lanes, if there is one.
+    pub fn barriers_of(&self, cav: VehicleId) -> Option<&TrueBarriers> {
+        self.current.get(&cav)
+    }
+
+    /// Smallest headway of `cav` so far, in metres.
+    pub fn min_headway_m(&self, cav: VehicleId) -> Option<f64> {
+        self.min_headway_m.get(&cav).copied()
+    }
+
+    /// CAVs and humans that were stuck at some time.
+    pub fn stuck(&self) -> usize {
+        self.stuck.len()
+    }
+
+    /// Pairs of bodies that overlapped at some time.
+    pub fn collisions(&self) -> usize {
+        self.collisions.len()
+    }
+
+    /// Violations by cause.
+    pub fn violations(&self) -> &BTreeMap<Cause, usize> {
+        &self.causes
+    }
+}

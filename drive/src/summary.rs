@@ -1,0 +1,84 @@
+use serde::Serialize;
+
+/// One vehicle's way through the obstacle-at-corner scene.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CavSummary {
+    /// Station id.
+    pub id: u32,
+    /// Lane at the start, 0 the leftmost.
+    pub initial_lane: u8,
+    /// When it first had line of sight to an obstacle, in seconds; `None` if never.
+    pub first_line_of_sight_s: Option<f64>,
+    /// When its first lane change out of an obstacle's lane began, in seconds; `None` if never.
+    pub lane_change_start_s: Option<f64>,
+    /// Hardest braking in m/s^2, as a positive number.
+    pub hardest_braking_mps2: f64,
+    /// Smallest headway between reference points to a vehicle ahead in its lane, in metres.
+    pub min_headway_m: Option<f64>,
+}
+
+/// Wall time of each stage, in seconds.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct StageWallTimes {
+    /// Ray casting of LIDAR and camera.
+    pub sensors_s: f64,
+    /// Lane network and detector, with their pre- and post-processing, and fusion.
+    pub perception_s: f64,
+    /// Tracking and messages.
+    pub sharing_s: f64,
+    /// Policy and safe action mapping.
+    pub planner_s: f64,
+    /// References, QP, validation.
+    pub control_s: f64,
+    /// Plant step and human drivers.
+    pub traffic_s: f64,
+    /// Monitor on the truth, trace and recording.
+    pub record_s: f64,
+}
+
+/// What one run shows, computed on the truth.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RunSummary {
+    /// Whether the CAVs shared what they saw.
+    pub sharing: bool,
+    /// Simulated time in seconds.
+    pub duration_s: f64,
+    /// Mean speed over all moving vehicles (CAVs and humans) and all time, in m/s.
+    pub mean_velocity_mps: f64,
+    /// Mean of the paper's comfort (Section V-A) over CAVs and behaviour steps, 0 to 3.
+    pub mean_comfort: f64,
+    /// CAVs and humans that were slower than 0.5 m/s for 5 s on end.
+    pub vehicles_stuck: usize,
+    /// CAVs whose lane change out of an obstacle's lane began before their own line of sight.
+    pub lane_changes_before_sight: usize,
+    /// Lane changes that CAVs began, all together.
+    pub lane_changes: usize,
+    /// The CAVs, by station id.
+    pub vehicles: Vec<CavSummary>,
+    /// Pairs of bodies that overlapped at any time.
+    pub collisions: usize,
+    /// Lane changes begun, or kept lanes, inside the collision set of the truth.
+    pub unsafe_actions: usize,
+    /// Times a CAV left the safe set (h < 0 on the truth), excused and attributed ones included.
+    pub violations: usize,
+    /// Those of them that no broken assumption explains.
+    pub violations_unattributed: usize,
+    /// Violations by the assumption that broke.
+    pub violations_by_cause: std::collections::BTreeMap<String, usize>,
+    /// Smallest headway of a CAV between reference points, in metres.
+    pub min_headway_m: Option<f64>,
+    /// Hardest braking of a CAV in m/s^2, as a positive number.
+    pub hardest_braking_mps2: f64,
+    /// Behaviour steps on which no action was safe.
+    pub emergency_stops: usize,
+    /// Camera and LIDAR frames that went through perception.
+    pub frames_perceived: usize,
+    /// Bytes of the messages that were delivered, summed over receivers.
+    pub bytes_shared: usize,
+    /// Wall time of the run in seconds.
+    pub wall_s: f64,
+    /// Wall time of each stage.
+    pub stages: StageWallTimes,
+    /// File name of the recording, beside the summary.
+    pub rrd: String,
+}

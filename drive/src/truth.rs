@@ -1,0 +1,136 @@
+use covista_traffic::{Traffic, VehicleId, VehicleKind};
+use covista_world::{FrenetPose, LaneIndex, Road, STEP_S, VehicleDimensions};
+use nalgebra::Vector2;
+
+/// One vehicle as it truly is, along the road.
+#[derive(Debug, Clone, Copy)]
+pub struct TrueVehicle {
+    /// Its name.
+    pub id: VehicleId,
+    /// CAV, human or obstacle.
+    pub kind: VehicleKind,
+    /// Its dimensions.
+    pub dimensions: VehicleDimensions,
+    /// Rear axle, along the road.
+    pub frenet: FrenetPose,
+    /// Rearmost and foremost point of the body along the road, in metres.
+    pub s_range_m: [f64; 2],
+    /// Rightmost and leftmost point of the body across the road, in metres.
+    pub d_range_m: [f64; 2],
+    /// Centre of the body in the world.
+    pub center: Vector2<f64>,
+    /// Velocity in the world in m/s.
+    pub velocity: Vector2<f64>,
+    /// Speed in m/s.
+    pub speed_mps: f64,
+    /// The lane that holds the body's centre.
+    pub lane: Option<LaneIndex>,
+}
+
+impl TrueVehicle {
+    /// All vehicles of `traffic`, in its order.
+    pub fn all(traffic: &Traffic) -> Vec<Self> {
+        let road = traffic.road();
+        traffic
+            .vehicles()
+            .iter()
+            .map(|vehicle| {
+                let dimensions = vehicle.model.dimensions();
+                let pose = vehicle.state.pose;
+                let frenet = road.to_frenet_pose_near(pose, vehicle.s_hint_m());
+                let corners = dimensions
+                    .corners_from_axle()
+                    .map(|corner| road.to_frenet_near(pose.transform(corner), frenet.s_m));
+                let center = dimensions.center_pose(pose).position();
+                Self {
+                    id: vehicle.id,
+                    kind: vehicle.kind,
+                    dimensions,
+                    frenet,
+                    s_range_m: range(corners.iter().map(|corner| corner.s_m)),
+                    d_range_m: range(corners.iter().map(|corner| corner.d_m)),
+                    center,
+                    velocity: pose.forward() * vehicle.state.speed_mps,
+                    speed_mps: vehicle.state.speed_mps,
+                    lane: road.lane_at(road.to_frenet_near(center, frenet.s_m).d_m),
+                }
+            })
+            .collect()
+    }
+
+    /// Whether the body reaches into `lane`.
+    pub fn occupies(&self, lane: LaneIndex, road: &Road) -> bool {
+        let (right, left) = road.lane_bounds_m(lane);
+        self.d_range_m[0] < left && self.d_range_m[1] > right
+    }
+
+    /// Bumper-to-bumper gap to `ahead` in metres of the lane's own length, or `None` when it is
+    /// not ahead.
+    pub fn gap_to_m(&self, ahead: &Self, road: &Road) -> Option<f64> {
+        (ahead.frenet.s_m > self.frenet.s_m).then(|| {
+            let along = ahead.s_range_m[0] - self.s_range_m[1];
+            along * self.lane_stretch(ahead, road)
+        })
+    }
+
+    /// Least length of the lane for each metre of the reference line on the way to `ahead`.
+    fn lane_stretch(&self, ahead: &Self, road: &Road) -> f64 {
+        let d_m = self.lane.map_or(self.frenet.d_m, |lane| road.lane_center_m(lane));
+        let steps = 4;
+        (0..=steps)
+            .map(|i| {
+                let share = f64::from(i) / f64::from(steps);
+                let s_m = self.frenet.s_m + share * (ahead.frenet.s_m - self.frenet.s_m);
+                1.0 - road.curvature(s_m) * d_m
+            })
+            .sum::<f64>()
+            / f64::from(steps + 1)
+    }
+}
+
+fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
+    values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| {
+        [low.min(value), high.max(value)]
+    })
+}
+
+/// Distance in metres by which a gap still shrinks when the follower at `v_mps` brakes with
+/// `brake_mps2` and the leader at `leader_mps` with `leader_brake_mps2`, both to standstill.
+///
+/// The supremum over all times, summed step by step: an oracle of its own, independent of the
+/// closed form in `covista_control`.
+pub fn closing_distance_m(
+    v_mps: f64,
+    leader_mps: f64,
+    brake_mps2: f64,
+    leader_brake_mps2: f64,
+) -> f64 {
+    let (mut own, mut leader) = (v_mps, leader_mps);
+    let (mut closed, mut most) = (0.0_f64, 0.0_f64);
+    while own > 0.0 {
+        closed += (own - leader) * STEP_S;
+        most = most.max(closed);
+        own -= brake_mps2 * STEP_S;
+        leader = (leader - leader_brake_mps2 * STEP_S).max(0.0);
+    }
+    most
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn closing_distance_is_the_difference_of_the_stopping_distances() {
+        let sum = closing_distance_m(20.0, 10.0, 8.0, 8.0);
+        assert!((sum - (400.0 - 100.0) / 16.0).abs() < 0.2, "{sum}");
+        assert!(closing_distance_m(10.0, 20.0, 8.0, 8.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_supremum_can_lie_before_either_stops() {
+        // The follower brakes harder: it closes while it is the faster one, and only then.
+        let sum = closing_distance_m(20.0, 18.0, 8.0, 2.0);
+        assert!((sum - 4.0 / (2.0 * 6.0)).abs() < 0.05, "{sum}");
+    }
+}

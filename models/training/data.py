@@ -1,0 +1,260 @@
+"""Reads the folders that `covista dataset` writes: KITTI objects and TuSimple lane marks.
+
+    image_2/000000.png  velodyne/000000.bin  calib/000000.txt  label_2/000000.txt
+    lanes/000000.json, written last: a frame that has it is complete
+
+A sample is a function of the folder, the frame and a seed, so that training repeats itself.
+Decoded images and the boxes' point counts are kept in `cache/`.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import torch
+from PIL import Image
+from torch import Tensor
+from torch.utils.data import Dataset, Sampler
+
+import lanes
+import pointpillars as pp
+
+CLASS_OF_TYPE = {"Car": 0, "Van": 1, "Truck": 1}
+MIN_POINTS = 5
+Sample = dict[str, np.ndarray]
+
+
+def cached(path: Path, make: Callable[[], np.ndarray]) -> np.ndarray:
+    """The array in `path`, made and stored there the first time."""
+    if path.exists():
+        return np.load(path)
+    array = make()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_suffix(".partial.npy")
+    np.save(partial, array)
+    partial.replace(path)
+    return array
+
+
+def read_image(root: Path, frame: str) -> np.ndarray:
+    """The camera image resized to the lane network's input, uint8 [288, 800, 3]."""
+
+    def make() -> np.ndarray:
+        image = np.array(Image.open(root / "image_2" / f"{frame}.png").convert("RGB"))
+        return lanes.resize(torch.from_numpy(image)).numpy()
+
+    return cached(root / "cache" / f"{frame}.image.npy", make)
+
+
+def complete_frames(root: Path) -> list[str]:
+    """The frames of the folder, also while it is being written."""
+    return sorted(path.stem for path in (root / "lanes").glob("*.json"))
+
+
+def read_marks(root: Path, frame: str) -> np.ndarray:
+    """Marks [28, 4] in pixels at the row anchors, left to right, NaN where absent."""
+    label = json.loads((root / "lanes" / f"{frame}.json").read_text())
+    rows = {v: i for i, v in enumerate(label["h_samples"])}
+    at_anchors = [rows[v] for v in lanes.ROW_ANCHORS_PX.tolist()]
+    us = np.array(label["lanes"], np.float32)[:, at_anchors].T
+    inside = (us >= 0) & (us < lanes.IMAGE_WIDTH_PX)
+    return np.where(inside, us, np.nan).astype(np.float32)
+
+
+def read_points(root: Path, frame: str) -> np.ndarray:
+    """The LIDAR points [N, 4]: x, y, z in metres and reflectance."""
+    return np.fromfile(root / "velodyne" / f"{frame}.bin", np.float32).reshape(-1, 4)
+
+
+def read_objects(root: Path, frame: str) -> np.ndarray:
+    """The boxes [M, 9] in the LIDAR frame: x, y, z, l, w, h, yaw, class, LIDAR points inside."""
+
+    def make() -> np.ndarray:
+        calib = {}
+        for line in (root / "calib" / f"{frame}.txt").read_text().splitlines():
+            name, _, values = line.partition(":")
+            calib[name] = np.array(values.split(), float)
+        camera_from_lidar = np.eye(4)
+        camera_from_lidar[:3] = calib["Tr_velo_to_cam"].reshape(3, 4)
+        rectify = np.eye(4)
+        rectify[:3, :3] = calib["R0_rect"].reshape(3, 3)
+        lidar_from_camera = np.linalg.inv(rectify @ camera_from_lidar)
+        points = read_points(root, frame)
+        objects = []
+        for line in (root / "label_2" / f"{frame}.txt").read_text().splitlines():
+            kind, *rest = line.split()
+            if kind not in CLASS_OF_TYPE:
+                continue
+            height, width, length, x, y, z, rotation_y = (float(v) for v in rest[7:14])
+            center = lidar_from_camera @ (x, y - height / 2, z, 1)
+            heading = lidar_from_camera[:3, :3] @ (math.cos(rotation_y), 0, -math.sin(rotation_y))
+            yaw = math.atan2(heading[1], heading[0])
+            box = (*center[:3], length, width, height, yaw)
+            inside = count_inside(points, np.array(box))
+            objects.append((*box, CLASS_OF_TYPE[kind], inside))
+        return np.array(objects, np.float32).reshape(-1, 9)
+
+    return cached(root / "cache" / f"{frame}.objects.npy", make)
+
+
+def count_inside(points: np.ndarray, box: np.ndarray, margin_m: float = 0.1) -> int:
+    """Points in the box grown by the margin, without the ground below it."""
+    near = points[np.abs(points[:, :2] - box[:2]).max(1) < box[3:5].max()]
+    c, s = math.cos(box[6]), math.sin(box[6])
+    offset = near[:, :3] - box[:3]
+    local = np.stack((offset @ (c, s, 0), offset @ (-s, c, 0), offset[:, 2]), 1)
+    inside = (np.abs(local) <= box[3:6] / 2 + margin_m).all(1)
+    return int((inside & (local[:, 2] > 0.15 - box[5] / 2)).sum())
+
+
+class LaneDataset(Dataset):
+    """Images and marks; augmented when training."""
+
+    def __init__(self, root: Path, augment: bool) -> None:
+        self.root, self.augment = root, augment
+        self.frames = complete_frames(root)
+        self.marks = [read_marks(root, frame) for frame in self.frames]
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def __getitem__(self, item: tuple[int, int]) -> Sample:
+        index, seed = item
+        image, marks = read_image(self.root, self.frames[index]), self.marks[index]
+        if self.augment:
+            image, marks = augment_lanes(image, marks, np.random.default_rng(seed))
+        return {
+            "image": image,
+            "marks": marks,
+            "segmentation": lanes.segmentation_target(marks),
+        }
+
+    @staticmethod
+    def collate(samples: list[Sample]) -> dict[str, Tensor]:
+        return {k: torch.from_numpy(np.stack([s[k] for s in samples])) for k in samples[0]}
+
+
+def augment_lanes(
+    image: np.ndarray, marks: np.ndarray, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mirror, small rotation, scale and shift, then brightness, contrast, colour and noise."""
+    height, width = lanes.INPUT_HEIGHT_PX, lanes.INPUT_WIDTH_PX
+    sx, sy = width / lanes.IMAGE_WIDTH_PX, height / lanes.IMAGE_HEIGHT_PX
+    if rng.random() < 0.5:
+        image = image[:, ::-1]
+        marks = lanes.IMAGE_WIDTH_PX - marks[:, ::-1]
+    if rng.random() < 0.7:
+        angle, scale = rng.uniform(-0.05, 0.05), rng.uniform(0.92, 1.1)
+        shift = np.array((rng.uniform(-60, 60), rng.uniform(-12, 12)))
+        c, s = scale * math.cos(angle), scale * math.sin(angle)
+        forward = np.array(((c, -s), (s, c)))
+        center = np.array((width / 2, height / 2))
+        inverse = np.linalg.inv(forward)
+        offset = center - inverse @ (center + shift)
+        affine = (*inverse[0], offset[0], *inverse[1], offset[1])
+        image = np.asarray(
+            Image.fromarray(np.ascontiguousarray(image)).transform(
+                (width, height), Image.Transform.AFFINE, affine, Image.Resampling.BILINEAR
+            )
+        )
+        moved = np.full_like(marks, np.nan)
+        for m in range(lanes.MARKS):
+            seen = np.isfinite(marks[:, m])
+            if seen.sum() < 2:
+                continue
+            points = np.stack((marks[seen, m] * sx, lanes.ROW_ANCHORS_PX[seen] * sy), 1)
+            u, v = ((points - center) @ forward.T + center + shift).T / ((sx,), (sy,))
+            if (np.diff(v) > 0).all():
+                moved[:, m] = np.interp(lanes.ROW_ANCHORS_PX, v, u, np.nan, np.nan)
+        marks = moved
+    inside = (marks >= 0) & (marks < lanes.IMAGE_WIDTH_PX)
+    marks = np.where(inside, marks, np.nan).astype(np.float32)
+    pixels = torch.from_numpy(np.ascontiguousarray(image)).float()
+    gain = torch.tensor(rng.uniform(0.6, 1.4) * rng.uniform(0.92, 1.08, 3), dtype=torch.float32)
+    pixels.sub_(128).mul_(rng.uniform(0.75, 1.25)).add_(128).mul_(gain)
+    return pixels.clamp_(0, 255).to(torch.uint8).numpy(), marks
+
+
+class DetectorDataset(Dataset):
+    """Pillars and anchor targets; augmented when training."""
+
+    def __init__(self, root: Path, augment: bool) -> None:
+        self.root, self.augment = root, augment
+        self.frames = complete_frames(root)
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def __getitem__(self, item: tuple[int, int]) -> Sample:
+        index, seed = item
+        frame = self.frames[index]
+        points, objects = read_points(self.root, frame), read_objects(self.root, frame)
+        if self.augment:
+            points, objects = augment_scene(points, objects, np.random.default_rng(seed))
+        objects = objects[in_range(objects)]
+        pillars, coords = pp.voxelize(points)
+        cared = objects[:, 8] >= MIN_POINTS
+        targets = pp.assign_targets(objects[:, :7], objects[:, 7].astype(int), cared)
+        return {"pillars": pillars, "coords": coords, **targets}
+
+    @staticmethod
+    def collate(samples: list[Sample]) -> dict[str, Tensor]:
+        anchors = pp.MAP_NY * pp.MAP_NX * pp.PER_CELL
+        joined = {
+            "coords": [s["coords"] + i * pp.NX * pp.NY for i, s in enumerate(samples)],
+            "anchor": [s["anchor"] + i * anchors for i, s in enumerate(samples)],
+            "labels": [s["labels"][None] for s in samples],
+        }
+        for key in ("pillars", "delta", "direction"):
+            joined[key] = [s[key] for s in samples]
+        return {k: torch.from_numpy(np.concatenate(v)) for k, v in joined.items()}
+
+
+def in_range(boxes: np.ndarray) -> np.ndarray:
+    """Whether the centre of each box [M, 7+] lies in the detector's range."""
+    low, high = np.array(pp.RANGE_M[:2]), np.array(pp.RANGE_M[3:5])
+    return ((boxes[:, :2] >= low) & (boxes[:, :2] < high)).all(1)
+
+
+def augment_scene(
+    points: np.ndarray, objects: np.ndarray, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mirror in the forward axis, rotation up to 45 degrees (most below 20), scaling."""
+    points, objects = points.copy(), objects.copy()
+    if rng.random() < 0.5:
+        points[:, 1] *= -1
+        objects[:, (1, 6)] *= -1
+    angle = rng.triangular(-math.pi / 4, 0, math.pi / 4)
+    c, s = math.cos(angle), math.sin(angle)
+    rotation = np.array(((c, s), (-s, c)), np.float32)
+    scale = np.float32(rng.uniform(0.95, 1.05))
+    points[:, :2] = points[:, :2] @ rotation
+    objects[:, :2] = objects[:, :2] @ rotation
+    objects[:, 6] += angle
+    points[:, :3] *= scale
+    objects[:, :6] *= scale
+    return points, objects
+
+
+class Batches(Sampler[list[tuple[int, int]]]):
+    """Endless batches of (index, seed): batch k depends on the seed, k and the data alone."""
+
+    def __init__(self, length: int, batch: int, seed: int, first_step: int) -> None:
+        self.length, self.batch, self.seed, self.first_step = length, batch, seed, first_step
+
+    def __iter__(self) -> Iterator[list[tuple[int, int]]]:
+        position = self.first_step * self.batch
+        epoch, order = -1, np.arange(self.length)
+        while True:
+            items = []
+            for _ in range(self.batch):
+                if position // self.length != epoch:
+                    epoch = position // self.length
+                    order = np.random.default_rng((self.seed, epoch)).permutation(self.length)
+                items.append((int(order[position % self.length]), self.seed * 2**32 + position))
+                position += 1
+            yield items

@@ -1,0 +1,224 @@
+"""Exports a trained network: `python export.py lanes|pointpillars --checkpoint FILE --val DIR --out DIR`.
+
+Writes the ONNX file (weights stored as fp16 behind Cast nodes, computed in fp32), checks it against
+PyTorch, measures it on the validation split and writes the model card.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import onnx
+import torch
+from onnx import TensorProto, helper, numpy_helper
+from torch import Tensor, nn
+
+import lanes
+import pointpillars as pp
+from evaluate import NMS_IOU, SCORE_THRESHOLD, EVALUATE, open_model
+from train import TASKS
+
+OPSET = 17
+IDS = {"lanes": "ufld-resnet18", "pointpillars": "pointpillars"}
+OUTPUTS = {
+    "lanes": {"cells": [1, lanes.CELLS + 1, lanes.ROWS, lanes.MARKS]},
+    "pointpillars": {
+        "class_logits": [1, pp.MAP_NY, pp.MAP_NX, pp.PER_CELL],
+        "box_deltas": [1, pp.MAP_NY, pp.MAP_NX, pp.PER_CELL, 7],
+        "direction_logits": [1, pp.MAP_NY, pp.MAP_NX, pp.PER_CELL, 2],
+    },
+}
+INPUTS = {
+    "lanes": {"image": ("float32", [1, 3, lanes.INPUT_HEIGHT_PX, lanes.INPUT_WIDTH_PX])},
+    "pointpillars": {
+        "pillars": ("float32", ["P", pp.MAX_POINTS, 9]),
+        "coords": ("int64", ["P"]),
+    },
+}
+DESCRIPTIONS = {
+    "lanes": "UFLD row-anchor lane network on a half-width ResNet-18: the road's four marks, from the left edge line.",
+    "pointpillars": "PointPillars over a freeway range at half the usual channels: cars and trucks all around.",
+}
+
+
+class OneFrame(nn.Module):
+    """The detector without its batch argument, which the exporter would take for an input."""
+
+    def __init__(self, model: nn.Module) -> None:
+        super().__init__()
+        self.model = model
+
+    def forward(self, pillars: Tensor, coords: Tensor) -> tuple[Tensor, ...]:
+        return self.model(pillars, coords)
+
+
+def example(network: str) -> dict[str, Tensor]:
+    """Random inputs of the right kind."""
+    generator = torch.Generator().manual_seed(1)
+    if network == "lanes":
+        shape = (1, lanes.INPUT_HEIGHT_PX, lanes.INPUT_WIDTH_PX, 3)
+        image = torch.randint(0, 256, shape, dtype=torch.uint8, generator=generator)
+        return {"image": lanes.normalise(image).contiguous()}
+    low, high = torch.tensor(pp.RANGE_M[:3]), torch.tensor(pp.RANGE_M[3:])
+    xyz = low + (high - low) * torch.rand(20000, 3, generator=generator)
+    points = torch.cat((xyz, torch.rand(20000, 1, generator=generator)), 1)
+    pillars, coords = pp.voxelize(points.numpy())
+    return {"pillars": torch.from_numpy(pillars), "coords": torch.from_numpy(coords)}
+
+
+def store_as_fp16(model: onnx.ModelProto) -> None:
+    """Stores every fp32 weight as fp16 and casts it back to fp32 before its use."""
+    graph = model.graph
+    casts = []
+    for tensor in list(graph.initializer):
+        if tensor.data_type != TensorProto.FLOAT or np.prod(tensor.dims) < 2:
+            continue
+        half = numpy_helper.to_array(tensor).astype(np.float16)
+        if not np.isfinite(half).all():
+            raise ValueError(f"weight {tensor.name} does not fit in fp16")
+        name = tensor.name
+        tensor.CopyFrom(numpy_helper.from_array(half, f"{name}.fp16"))
+        casts.append(helper.make_node("Cast", [f"{name}.fp16"], [name], f"cast {name}", to=TensorProto.FLOAT))
+    nodes = casts + list(graph.node)
+    del graph.node[:]
+    graph.node.extend(nodes)
+
+
+def export_onnx(network: str, model: nn.Module, path: Path) -> None:
+    """Writes the ONNX file with named inputs and outputs; P is dynamic."""
+    inputs = example(network)
+    axes = {k: {0: "P"} for k, (_, shape) in INPUTS[network].items() if shape[0] == "P"}
+    torch.onnx.export(
+        model, tuple(inputs.values()), path, dynamo=False, opset_version=OPSET,
+        input_names=list(inputs), output_names=list(OUTPUTS[network]), dynamic_axes=axes,
+    )  # fmt: skip
+    exported = onnx.load(path)
+    store_as_fp16(exported)
+    onnx.checker.check_model(exported)
+    onnx.save(exported, path)
+
+
+@torch.no_grad()
+def check(network: str, model: nn.Module, path: Path) -> float:
+    """Largest difference of ONNX Runtime from PyTorch, relative to the spread of each output."""
+    inputs = example(network)
+    expected = model(*inputs.values())
+    expected = (expected,) if isinstance(expected, Tensor) else expected
+    session = open_model(path)
+    actual = session.run(None, {k: v.numpy() for k, v in inputs.items()})
+    shapes = list(OUTPUTS[network].values())
+    assert [list(a.shape) for a in actual] == shapes, "the outputs don't have the contract's shapes"
+    worst = max(float(np.abs(a - e.numpy()).max() / e.std()) for a, e in zip(actual, expected))
+    if worst > 0.05:
+        raise ValueError(f"ONNX Runtime differs from PyTorch by {worst:.3f} standard deviations")
+    return worst
+
+
+def toml_value(value: object) -> str:
+    """A TOML value; JSON's notation of strings, numbers and flat lists is also TOML's."""
+    if isinstance(value, float):
+        return repr(round(value, 6))
+    return json.dumps(value)
+
+
+def toml_table(header: str, entries: dict[str, object]) -> str:
+    lines = [f"{key} = {toml_value(value)}" for key, value in entries.items()]
+    return "\n".join([header, *lines, ""])
+
+
+def preprocess(network: str) -> dict[str, object]:
+    if network == "lanes":
+        return {
+            "mean": list(lanes.MEAN),
+            "std": list(lanes.STD),
+            "row_anchors": lanes.ROW_ANCHORS_PX.tolist(),
+            "grid_cells": lanes.CELLS,
+            "image_width_px": lanes.IMAGE_WIDTH_PX,
+            "image_height_px": lanes.IMAGE_HEIGHT_PX,
+        }
+    return {
+        "range_m": list(pp.RANGE_M),
+        "pillar_m": pp.PILLAR_M,
+        "max_pillars": pp.MAX_PILLARS,
+        "max_points_per_pillar": pp.MAX_POINTS,
+        "score_threshold": SCORE_THRESHOLD,
+        "nms_iou": NMS_IOU,
+    }
+
+
+def card(network: str, path: Path, state: dict, data_command: str, metrics: dict[str, float]) -> str:
+    """The model card."""
+    arguments = state["arguments"]
+    budget = "minutes" if arguments["minutes"] != "None" else "steps"
+    command = f"python train.py {network} --data data/train --val data/val --{budget} {arguments[budget]} --out runs"
+    top = {
+        "id": path.stem,
+        "kind": "ufld" if network == "lanes" else "pointpillars",
+        "file": path.name,
+        "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
+        "license": "MIT OR Apache-2.0",
+        "date": datetime.date.today().isoformat(),
+        "description": DESCRIPTIONS[network],
+    }
+    training = {
+        "command": command,
+        "data_command": data_command,
+        "seeds": [int(arguments["seed"])],
+        "frames": state["frames"],
+        "steps": state["step"],
+    }
+    evaluation = f"python evaluate.py {network} --data data/val --model ../{path.name}"
+    parts = [toml_table("", top).lstrip("\n")]
+    for name, (dtype, shape) in INPUTS[network].items():
+        parts.append(toml_table("[[inputs]]", {"name": name, "dtype": dtype, "shape": shape}))
+    for name, shape in OUTPUTS[network].items():
+        parts.append(toml_table("[[outputs]]", {"name": name, "dtype": "float32", "shape": shape}))
+    parts.append(toml_table("[preprocess]", preprocess(network)))
+    if network == "pointpillars":
+        for name, anchor in zip(pp.CLASSES, pp.ANCHORS):
+            entries = {"class": name, "size_m": list(anchor.size_m), "center_z_m": anchor.center_z_m}
+            parts.append(toml_table("[[anchors]]", entries))
+    parts.append(toml_table("[training]", training))
+    parts.append(toml_table("[metrics]", {"command": evaluation, **metrics}))
+    return "\n".join(parts)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("network", choices=IDS)
+    parser.add_argument("--checkpoint", type=Path, required=True)
+    parser.add_argument("--val", type=Path, required=True)
+    parser.add_argument("--out", type=Path, default=Path(".."))
+    parser.add_argument(
+        "--data-command", default="covista dataset --out data/train --frames 3000 --seed 1 --split train"
+    )
+    parser.add_argument("--frames", type=int, default=10**9, help="validate on at most this many")
+    args = parser.parse_args()
+    torch.set_num_threads(1)
+    state = torch.load(args.checkpoint, map_location="cpu")
+    model = TASKS[args.network].network()
+    model.load_state_dict(state["average"])
+    if args.network == "pointpillars":
+        model = OneFrame(model)
+    model.eval()
+    args.out.mkdir(parents=True, exist_ok=True)
+    path = args.out / f"{IDS[args.network]}.onnx"
+    partial = path.with_suffix(".partial.onnx")
+    export_onnx(args.network, model, partial)
+    difference = check(args.network, model, partial)
+    metrics = EVALUATE[args.network](args.val, partial, args.frames)
+    partial.replace(path)
+    text = card(args.network, path, state, args.data_command, metrics)
+    path.with_suffix(".toml").write_text(text)
+    size_mb = path.stat().st_size / 1e6
+    print(f"{path}: {size_mb:.1f} MB, differs from PyTorch by at most {difference:.4f} sigma")
+    print(text[text.index("[training]") :])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,188 @@
+"""UFLD lane network: a row-anchor classifier on a half-width ResNet-18, and its loss.
+
+The 1242x375 image is resized to 800x288. For each of the road's four marks and each of 28 image
+rows the network picks one of 100 cells across the image, or "none". Cell i covers
+[i, i + 1) * 12.42 px, so that a mark's position is (E[i] + 0.5) * 12.42 px.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+IMAGE_WIDTH_PX, IMAGE_HEIGHT_PX = 1242, 375
+INPUT_WIDTH_PX, INPUT_HEIGHT_PX = 800, 288
+ROW_ANCHORS_PX = np.arange(100, 371, 10)
+ROWS = len(ROW_ANCHORS_PX)
+CELLS = 100
+NONE = CELLS
+MARKS = 4
+CELL_PX = IMAGE_WIDTH_PX / CELLS
+MEAN = (0.485, 0.456, 0.406)
+STD = (0.229, 0.224, 0.225)
+WIDTHS = (32, 64, 128, 256)
+HIDDEN = 512
+
+
+def resize(image: Tensor) -> Tensor:
+    """uint8 [H, W, 3] to uint8 [288, 800, 3]: bilinear, pixel centres aligned, no antialias."""
+    chw = image.permute(2, 0, 1)[None].float()
+    small = F.interpolate(chw, (INPUT_HEIGHT_PX, INPUT_WIDTH_PX), mode="bilinear")
+    return small[0].permute(1, 2, 0).round().to(torch.uint8)
+
+
+def normalise(images: Tensor) -> Tensor:
+    """uint8 [B, 288, 800, 3] to float32 [B, 3, 288, 800], channels last in memory."""
+    scaled = images.float() / 255
+    mean = torch.tensor(MEAN, device=images.device)
+    std = torch.tensor(STD, device=images.device)
+    return ((scaled - mean) / std).permute(0, 3, 1, 2)
+
+
+class BasicBlock(nn.Module):
+    """Two 3x3 convolutions and the identity (or its 1x1 projection)."""
+
+    def __init__(self, inputs: int, outputs: int, stride: int) -> None:
+        super().__init__()
+        self.conv1 = nn.Conv2d(inputs, outputs, 3, stride, 1, bias=False)
+        self.bn1 = nn.BatchNorm2d(outputs)
+        self.conv2 = nn.Conv2d(outputs, outputs, 3, 1, 1, bias=False)
+        self.bn2 = nn.BatchNorm2d(outputs)
+        self.shortcut = nn.Identity()
+        if stride != 1 or inputs != outputs:
+            self.shortcut = nn.Sequential(
+                nn.Conv2d(inputs, outputs, 1, stride, bias=False), nn.BatchNorm2d(outputs)
+            )
+
+    def forward(self, x: Tensor) -> Tensor:
+        y = F.relu(self.bn1(self.conv1(x)))
+        return F.relu(self.bn2(self.conv2(y)) + self.shortcut(x))
+
+
+class Ufld(nn.Module):
+    """Image [B, 3, 288, 800] to logits [B, 101, 28, 4]; in training also segmentation logits."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        first = WIDTHS[0]
+        self.stem = nn.Sequential(
+            nn.Conv2d(3, first, 7, 2, 3, bias=False),
+            nn.BatchNorm2d(first),
+            nn.ReLU(),
+            nn.MaxPool2d(3, 2, 1),
+        )
+        self.layers = nn.ModuleList()
+        inputs = first
+        for i, width in enumerate(WIDTHS):
+            stride = 1 if i == 0 else 2
+            self.layers.append(
+                nn.Sequential(BasicBlock(inputs, width, stride), BasicBlock(width, width, 1))
+            )
+            inputs = width
+        self.pool = nn.Conv2d(WIDTHS[-1], 8, 1)
+        features = 8 * (INPUT_HEIGHT_PX // 32) * (INPUT_WIDTH_PX // 32)
+        self.classifier = nn.Sequential(
+            nn.Linear(features, HIDDEN),
+            nn.ReLU(),
+            nn.Linear(HIDDEN, (CELLS + 1) * ROWS * MARKS),
+        )
+        self.segmentation = SegmentationHead()
+        for module in self.modules():
+            if isinstance(module, nn.Conv2d):
+                nn.init.kaiming_normal_(module.weight, nonlinearity="relu")
+
+    def forward(self, image: Tensor) -> Tensor | tuple[Tensor, Tensor]:
+        x = self.stem(image)
+        stages = []
+        for layer in self.layers:
+            x = layer(x)
+            stages.append(x)
+        # Flattened from a channels-first tensor whatever the memory format, as ONNX does.
+        flat = self.pool(x).contiguous().flatten(1)
+        cells = self.classifier(flat).view(-1, CELLS + 1, ROWS, MARKS)
+        if self.training:
+            return cells, self.segmentation(stages[1:])
+        return cells
+
+
+class SegmentationHead(nn.Module):
+    """Auxiliary head, used in training only: which mark covers each pixel at stride 8."""
+
+    def __init__(self, width: int = 32) -> None:
+        super().__init__()
+        self.reduce = nn.ModuleList(nn.Conv2d(w, width, 1) for w in WIDTHS[1:])
+        self.fuse = nn.Sequential(
+            nn.Conv2d(3 * width, width, 3, padding=1, bias=False),
+            nn.BatchNorm2d(width),
+            nn.ReLU(),
+            nn.Conv2d(width, MARKS + 1, 1),
+        )
+
+    def forward(self, stages: list[Tensor]) -> Tensor:
+        size = stages[0].shape[-2:]
+        maps = [F.interpolate(r(s), size, mode="nearest") for r, s in zip(self.reduce, stages)]
+        return self.fuse(torch.cat(maps, 1))
+
+
+def expected_cell(cells: Tensor) -> Tensor:
+    """Logits [B, 101, 28, 4] to the expected cell index [B, 28, 4], over the 100 real cells."""
+    index = torch.arange(CELLS, device=cells.device, dtype=cells.dtype).view(1, -1, 1, 1)
+    return (cells[:, :CELLS].softmax(1) * index).sum(1)
+
+
+def decode(cells: Tensor) -> Tensor:
+    """Logits [B, 101, 28, 4] to u in pixels [B, 28, 4], NaN where the mark is absent."""
+    pixels = (expected_cell(cells) + 0.5) * CELL_PX
+    return pixels.masked_fill(cells.argmax(1) == NONE, float("nan"))
+
+
+def segmentation_target(marks_px: np.ndarray) -> np.ndarray:
+    """Marks [28, 4] in pixels (NaN absent) to the class of each pixel at stride 8, [36, 100]."""
+    height, width = INPUT_HEIGHT_PX // 8, INPUT_WIDTH_PX // 8
+    rows_px = (np.arange(height) + 0.5) * IMAGE_HEIGHT_PX / height
+    target = np.zeros((height, width), np.int64)
+    columns = np.arange(width)
+    for mark in range(MARKS):
+        seen = np.isfinite(marks_px[:, mark])
+        if seen.sum() < 2:
+            continue
+        anchors, us = ROW_ANCHORS_PX[seen], marks_px[seen, mark]
+        inside = (rows_px >= anchors[0]) & (rows_px <= anchors[-1])
+        column = np.interp(rows_px, anchors, us) * width / IMAGE_WIDTH_PX - 0.5
+        near = (np.abs(columns[None] - column[:, None]) <= 1.0) & inside[:, None]
+        target[near] = mark + 1
+    return target
+
+
+def loss(outputs: tuple[Tensor, Tensor], batch: dict[str, Tensor]) -> dict[str, Tensor]:
+    """The parts of the loss, weighted; `marks` [B, 28, 4] in pixels with NaN for absent."""
+    cells, segmentation = (o.float() for o in outputs)
+    position = batch["marks"] / CELL_PX - 0.5
+    seen = torch.isfinite(position)
+    target = torch.where(seen, (position + 0.5).floor(), torch.full_like(position, NONE)).long()
+    log_p = F.log_softmax(cells, 1).gather(1, target[:, None])[:, 0]
+    focal = -((1 - log_p.exp()) ** 2 * log_p).mean()
+
+    expected = expected_cell(cells)
+    position = torch.where(seen, position, expected.detach())
+    expectation = F.smooth_l1_loss(expected[seen], position[seen]) if seen.any() else focal * 0
+    bend_error = second_difference(expected) - second_difference(position)
+    triple = seen[:, :-2] & seen[:, 1:-1] & seen[:, 2:]
+    shape = bend_error[triple].abs().mean() if triple.any() else focal * 0
+    similarity = (cells[:, :, 1:] - cells[:, :, :-1]).abs().mean()
+    weights = torch.tensor([0.4] + [1.0] * MARKS, device=cells.device)
+    aux = F.cross_entropy(segmentation, batch["segmentation"], weights)
+    return {
+        "cells": 2 * focal,
+        "expectation": 0.5 * expectation,
+        "shape": 0.2 * shape,
+        "similarity": 0.05 * similarity,
+        "segmentation": aux,
+    }
+
+
+def second_difference(x: Tensor) -> Tensor:
+    """[B, 28, 4] to [B, 26, 4], along the row anchors."""
+    return x[:, 2:] - 2 * x[:, 1:-1] + x[:, :-2]

@@ -1,0 +1,256 @@
+"""PointPillars detector over a freeway range: pillars, network, anchors, targets, loss, decoding.
+
+Everything is in the LIDAR frame (x forward, y left, z up). A box is
+[x, y, z, l, w, h, yaw] with its centre in metres; class 0 is a car, class 1 a truck.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+RANGE_M = (-69.12, -12.8, -3.0, 69.12, 12.8, 1.0)
+PILLAR_M = 0.16
+NX, NY = 864, 160
+MAX_PILLARS, MAX_POINTS = 12000, 32
+STRIDE = 2
+MAP_NX, MAP_NY = NX // STRIDE, NY // STRIDE
+CLASSES = ("car", "truck")
+
+
+@dataclass(frozen=True)
+class AnchorClass:
+    """The anchor of one class, laid at yaw 0 and pi/2 in every cell of the map."""
+
+    size_m: tuple[float, float, float]
+    center_z_m: float
+    positive_iou: float
+    negative_iou: float
+
+
+ANCHORS = (
+    AnchorClass((4.6, 1.85, 1.55), -0.95, 0.60, 0.45),
+    AnchorClass((6.5, 2.2, 2.6), -0.45, 0.55, 0.40),
+)
+ANCHOR_YAWS = (0.0, math.pi / 2)
+PER_CELL = len(ANCHORS) * len(ANCHOR_YAWS)
+
+
+def voxelize(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points [N, 4] (x, y, z, reflectance) to pillars [P, 32, 9], zero padded, and coords [P].
+
+    A pillar keeps its first 32 points; pillars beyond 12000, in order of their first point, are
+    dropped. A coord is iy * nx + ix.
+    """
+    low, high = np.array(RANGE_M[:3], np.float32), np.array(RANGE_M[3:], np.float32)
+    points = points[np.all((points[:, :3] >= low) & (points[:, :3] < high), axis=1)]
+    cell = ((points[:, :2] - low[:2]) / np.float32(PILLAR_M)).astype(np.int64)
+    cell = np.minimum(cell, (NX - 1, NY - 1))
+    order = np.argsort(cell[:, 1] * NX + cell[:, 0], kind="stable")
+    points, cell = points[order], cell[order]
+    key = cell[:, 1] * NX + cell[:, 0]
+    starts = np.flatnonzero(np.diff(key, prepend=-1))
+    counts = np.diff(starts, append=len(key))
+    if len(starts) > MAX_PILLARS:
+        kept = np.sort(np.argsort(order[starts])[:MAX_PILLARS])
+    else:
+        kept = np.arange(len(starts))
+    pillar_of_start = np.full(len(starts), -1)
+    pillar_of_start[kept] = np.arange(len(kept))
+    rank = np.arange(len(key)) - np.repeat(starts, counts)
+    pillar = np.repeat(pillar_of_start, counts)
+    taken = (rank < MAX_POINTS) & (pillar >= 0)
+    points, cell, rank, pillar = points[taken], cell[taken], rank[taken], pillar[taken]
+
+    number = np.minimum(counts[kept], MAX_POINTS)
+    sums = np.stack([np.bincount(pillar, points[:, i], len(kept)) for i in range(3)], 1)
+    mean = (sums / np.maximum(number, 1)[:, None]).astype(np.float32)
+    center = ((cell + 0.5) * PILLAR_M + low[:2]).astype(np.float32)
+    pillars = np.zeros((len(kept), MAX_POINTS, 9), np.float32)
+    offsets = (points[:, :3] - mean[pillar], points[:, :2] - center)
+    pillars[pillar, rank] = np.concatenate((points, *offsets), 1)
+    return pillars, key[starts[kept]]
+
+
+class PillarFeatures(nn.Module):
+    """Each point through Linear + BN + ReLU, then the maximum over a pillar's points."""
+
+    def __init__(self, channels: int = 32) -> None:
+        super().__init__()
+        self.linear = nn.Linear(9, channels, bias=False)
+        self.bn = nn.BatchNorm1d(channels, eps=1e-3)
+
+    def forward(self, pillars: Tensor) -> Tensor:
+        real = (pillars[..., :4] != 0).any(2)
+        if self.training:  # only real points, so that padding doesn't enter the statistics
+            points = F.relu(self.bn(self.linear(pillars[real]).float()))
+            return torch.segment_reduce(points, "max", lengths=real.sum(1))
+        flat = self.bn(self.linear(pillars).flatten(0, 1)).view(-1, MAX_POINTS, 32)
+        return (F.relu(flat) * real[..., None]).amax(1)
+
+
+def conv_block(inputs: int, outputs: int, layers: int) -> nn.Sequential:
+    """A 3x3 convolution of stride 2 and `layers` of stride 1, each with BN and ReLU."""
+    parts: list[nn.Module] = []
+    for i in range(layers + 1):
+        conv = nn.Conv2d(inputs if i == 0 else outputs, outputs, 3, 2 if i == 0 else 1, 1, bias=False)
+        parts += [conv, nn.BatchNorm2d(outputs, eps=1e-3), nn.ReLU()]
+    return nn.Sequential(*parts)
+
+
+def up_block(inputs: int, outputs: int, factor: int) -> nn.Sequential:
+    """Upsampling by `factor` with a transposed convolution, BN and ReLU."""
+    conv = nn.ConvTranspose2d(inputs, outputs, factor, factor, bias=False)
+    return nn.Sequential(conv, nn.BatchNorm2d(outputs, eps=1e-3), nn.ReLU())
+
+
+class PointPillars(nn.Module):
+    """Pillars [P, 32, 9] and coords [P] to class, box and direction maps [B, 80, 432, 4, ...]."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.features = PillarFeatures(32)
+        self.blocks = nn.ModuleList(
+            (conv_block(32, 32, 3), conv_block(32, 64, 5), conv_block(64, 128, 5))
+        )
+        self.ups = nn.ModuleList((up_block(32, 64, 1), up_block(64, 64, 2), up_block(128, 64, 4)))
+        self.classes = nn.Conv2d(192, PER_CELL, 1)
+        self.boxes = nn.Conv2d(192, PER_CELL * 7, 1)
+        self.directions = nn.Conv2d(192, PER_CELL * 2, 1)
+        nn.init.constant_(self.classes.bias, -math.log((1 - 0.01) / 0.01))
+        nn.init.normal_(self.boxes.weight, std=1e-3)
+
+    def forward(self, pillars: Tensor, coords: Tensor, batch: int = 1) -> tuple[Tensor, ...]:
+        """`coords` of frame b in a batch are shifted by b * ny * nx."""
+        features = self.features(pillars)
+        canvas = features.new_zeros(batch * NY * NX, features.shape[1])
+        canvas = canvas.index_put((coords,), features)
+        x = canvas.view(batch, NY, NX, -1).permute(0, 3, 1, 2)
+        maps = []
+        for block, up in zip(self.blocks, self.ups):
+            x = block(x)
+            maps.append(up(x))
+        x = torch.cat(maps, 1)
+        shape = (batch, MAP_NY, MAP_NX, PER_CELL)
+        classes, boxes, directions = (
+            head(x).permute(0, 2, 3, 1) for head in (self.classes, self.boxes, self.directions)
+        )
+        return classes.reshape(shape), boxes.reshape(*shape, 7), directions.reshape(*shape, 2)
+
+
+def cell_centers() -> tuple[np.ndarray, np.ndarray]:
+    """x [432] and y [80] of the map's cells, in metres."""
+    step = PILLAR_M * STRIDE
+    return (
+        (RANGE_M[0] + (np.arange(MAP_NX) + 0.5) * step).astype(np.float32),
+        (RANGE_M[1] + (np.arange(MAP_NY) + 0.5) * step).astype(np.float32),
+    )
+
+
+def anchor_boxes() -> np.ndarray:
+    """The anchors as boxes [80, 432, 4, 7]: car at 0 and pi/2, truck at 0 and pi/2."""
+    x, y = cell_centers()
+    boxes = np.zeros((MAP_NY, MAP_NX, PER_CELL, 7), np.float32)
+    boxes[..., 0], boxes[..., 1] = x[None, :, None], y[:, None, None]
+    for a in range(PER_CELL):
+        anchor = ANCHORS[a // len(ANCHOR_YAWS)]
+        boxes[:, :, a, 2:] = (anchor.center_z_m, *anchor.size_m, ANCHOR_YAWS[a % len(ANCHOR_YAWS)])
+    return boxes
+
+
+def overlap(centers: np.ndarray, length: float, center: float, other: float) -> np.ndarray:
+    """Overlap of intervals of `length` at `centers` with one of `other` at `center`."""
+    high = np.minimum(centers + length / 2, center + other / 2)
+    low = np.maximum(centers - length / 2, center - other / 2)
+    return np.maximum(high - low, 0)
+
+
+def assign_targets(
+    boxes: np.ndarray, classes: np.ndarray, cared: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Anchors to ground truth [M, 7] by the IoU of their nearest axis-aligned footprints.
+
+    Returns `labels` [80, 432, 4] (1 object, 0 background, -1 ignored), and for the positive
+    anchors, in order, their `anchor` index, `delta` [K, 7] and `direction` [K].
+    """
+    xs, ys = cell_centers()
+    labels = np.zeros((MAP_NY, MAP_NX, PER_CELL), np.int8)
+    matched = np.full(labels.shape, -1)
+    for c, anchor in enumerate(ANCHORS):
+        slots = slice(2 * c, 2 * c + 2)
+        best = np.zeros(labels[..., slots].shape, np.float32)
+        ignored = np.zeros(best.shape, bool)
+        forced: list[tuple[np.ndarray, int]] = []
+        for i in np.flatnonzero(classes == c):
+            x, y, _, length, width, _, yaw = boxes[i]
+            if abs(math.sin(yaw)) > abs(math.cos(yaw)):
+                length, width = width, length
+            iou = np.empty(best.shape, np.float32)
+            l, w, _ = anchor.size_m
+            for k, (dx, dy) in enumerate(((l, w), (w, l))):
+                both = overlap(ys, dy, y, width)[:, None] * overlap(xs, dx, x, length)[None]
+                iou[..., k] = both / (l * w + length * width - both)
+            if not cared[i]:
+                ignored |= iou >= anchor.negative_iou
+                continue
+            better = iou > best
+            best[better] = iou[better]
+            matched[..., slots][better] = i
+            if iou.max() > 0:
+                forced.append((iou >= iou.max() - 1e-6, i))
+        label = np.where(best >= anchor.positive_iou, 1, np.where(best >= anchor.negative_iou, -1, 0))
+        label[ignored & (label == 0)] = -1
+        for mask, i in forced:
+            label[mask] = 1
+            matched[..., slots][mask] = i
+        labels[..., slots] = label
+    positive = np.flatnonzero(labels.reshape(-1) == 1)
+    truth = boxes[matched.reshape(-1)[positive]].reshape(-1, 7)
+    delta = encode(truth, anchor_boxes().reshape(-1, 7)[positive])
+    direction = (np.cos(truth[:, 6]) < 0).astype(np.int64)
+    return {"labels": labels, "anchor": positive, "delta": delta, "direction": direction}
+
+
+def encode(boxes: np.ndarray, anchors: np.ndarray) -> np.ndarray:
+    """Boxes [K, 7] as SECOND's deltas from anchors [K, 7]."""
+    diagonal = np.hypot(anchors[:, 3:4], anchors[:, 4:5])
+    center = boxes[:, :3] - anchors[:, :3]
+    scale = np.concatenate((diagonal, diagonal, anchors[:, 5:6]), 1)
+    size = np.log(boxes[:, 3:6] / anchors[:, 3:6])
+    return np.concatenate((center / scale, size, boxes[:, 6:] - anchors[:, 6:]), 1).astype(np.float32)
+
+
+def decode(deltas: np.ndarray, directions: np.ndarray, anchors: np.ndarray) -> np.ndarray:
+    """Deltas [K, 7], direction logits [K, 2] and anchors [K, 7] to boxes [K, 7]."""
+    diagonal = np.hypot(anchors[:, 3:4], anchors[:, 4:5])
+    scale = np.concatenate((diagonal, diagonal, anchors[:, 5:6]), 1)
+    center = anchors[:, :3] + deltas[:, :3] * scale
+    size = anchors[:, 3:6] * np.exp(deltas[:, 3:6])
+    yaw = (anchors[:, 6] + deltas[:, 6] + math.pi / 2) % math.pi - math.pi / 2
+    yaw += math.pi * (directions[:, 1] > directions[:, 0])
+    return np.concatenate((center, size, yaw[:, None]), 1)
+
+
+def loss(outputs: tuple[Tensor, ...], batch: dict[str, Tensor]) -> dict[str, Tensor]:
+    """The parts of the loss, weighted: focal, smooth L1 with the sine of the yaw error, direction."""
+    logits, deltas, directions = (o.float() for o in outputs)
+    labels, anchor = batch["labels"], batch["anchor"]
+    number = max(len(anchor), 1)
+    target = (labels == 1).float()
+    cross_entropy = F.binary_cross_entropy_with_logits(logits, target, reduction="none")
+    p = logits.sigmoid()
+    focal = torch.where(target > 0, 0.25 * (1 - p) ** 2, 0.75 * p**2)
+    classes = (focal * cross_entropy * (labels >= 0)).sum() / number
+
+    delta = deltas.reshape(-1, 7)[anchor]
+    error = delta - batch["delta"]
+    error = torch.cat((error[:, :6], error[:, 6:].sin()), 1)
+    boxes = F.smooth_l1_loss(error, torch.zeros_like(error), reduction="sum", beta=1 / 9) / number
+    logits = directions.reshape(-1, 2)[anchor]
+    direction = F.cross_entropy(logits, batch["direction"], reduction="sum") / number
+    return {"classes": classes, "boxes": 2 * boxes, "direction": 0.2 * direction}

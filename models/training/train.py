@@ -1,0 +1,217 @@
+"""Trains one of the networks: `python train.py lanes|pointpillars --data DIR --val DIR --out DIR`.
+
+A run can be stopped at any time and goes on with `--resume`. With `--steps` it repeats itself
+exactly; with `--minutes` the learning rate follows the clock.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import json
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.utils.data import DataLoader
+from tqdm import tqdm
+
+import lanes
+import pointpillars
+from data import Batches, DetectorDataset, LaneDataset
+
+EMA_DECAY = 0.998
+WARM_UP = 0.05
+LOG_EVERY = 20
+
+
+@dataclass(frozen=True)
+class Task:
+    """What differs between the two networks."""
+
+    module: ModuleType
+    network: type[nn.Module]
+    dataset: type[LaneDataset] | type[DetectorDataset]
+    batch: int
+    learning_rate: float
+
+    def run(self, model: nn.Module, batch: dict[str, Tensor]) -> dict[str, Tensor]:
+        """The parts of the loss of one batch."""
+        with torch.autocast(batch_device(batch).type, torch.bfloat16):
+            if self.module is lanes:
+                outputs = model(lanes.normalise(batch["image"]))
+            else:
+                outputs = model(batch["pillars"], batch["coords"], len(batch["labels"]))
+        return self.module.loss(outputs, batch)
+
+
+TASKS = {
+    "lanes": Task(lanes, lanes.Ufld, LaneDataset, 8, 1e-3),
+    "pointpillars": Task(pointpillars, pointpillars.PointPillars, DetectorDataset, 4, 2e-3),
+}
+
+
+def batch_device(batch: dict[str, Tensor]) -> torch.device:
+    return next(iter(batch.values())).device
+
+
+def one_cycle(progress: float) -> float:
+    """Learning rate over its peak: linear warm-up, then a cosine down to 1/100."""
+    if progress < WARM_UP:
+        return 0.04 + 0.96 * progress / WARM_UP
+    phase = min((progress - WARM_UP) / (1 - WARM_UP), 1)
+    return 0.01 + 0.99 * 0.5 * (1 + float(np.cos(np.pi * phase)))
+
+
+@torch.no_grad()
+def update_average(average: nn.Module, model: nn.Module, step: int) -> None:
+    """Exponential moving average of weights and statistics: what is validated and exported."""
+    decay = min(EMA_DECAY, (1 + step) / (10 + step))
+    current = model.state_dict()
+    for name, value in average.state_dict().items():
+        if value.is_floating_point():
+            value.lerp_(current[name], 1 - decay)
+        else:
+            value.copy_(current[name])
+
+
+@torch.no_grad()
+def validate(task: Task, model: nn.Module, loader: DataLoader, device: torch.device) -> float:
+    """Mean loss of held-out batches; in training mode (heads and loss as trained), frozen BN."""
+    model.train()
+    frozen = [m for m in model.modules() if isinstance(m, nn.modules.batchnorm._BatchNorm)]
+    for module in frozen:
+        module.eval()
+    losses = []
+    for batch in loader:
+        parts = task.run(model, {k: v.to(device) for k, v in batch.items()})
+        losses.append(float(sum(parts.values())))
+    return float(np.mean(losses))
+
+
+def plot(curves: list[dict[str, float]], path: Path) -> None:
+    """Training and validation loss over steps, as a small PNG."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure, axes = plt.subplots(figsize=(6, 4))
+    for key in sorted({k for row in curves for k in row} - {"step", "minutes", "learning_rate"}):
+        rows = [(r["step"], r[key]) for r in curves if key in r]
+        axes.plot(*zip(*rows), "o-" if key == "validation" else "-", label=key, linewidth=1, markersize=3)
+    axes.set(xlabel="step", ylabel="loss", yscale="log")
+    axes.legend(fontsize=7)
+    axes.grid(alpha=0.3)
+    figure.tight_layout()
+    figure.savefig(path, dpi=90)
+    plt.close(figure)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("task", choices=TASKS)
+    parser.add_argument("--data", type=Path, required=True, help="folder of the training split")
+    parser.add_argument("--val", type=Path, help="folder of the validation split")
+    parser.add_argument("--val-frames", type=int, default=40)
+    parser.add_argument("--out", type=Path, default=Path("runs"))
+    budget = parser.add_mutually_exclusive_group(required=True)
+    budget.add_argument("--minutes", type=float, help="training time, earlier parts counted in")
+    budget.add_argument("--steps", type=int)
+    parser.add_argument("--batch", type=int)
+    parser.add_argument("--learning-rate", type=float)
+    parser.add_argument("--save-every-minutes", type=float, default=3)
+    parser.add_argument("--workers", type=int, default=0)
+    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--no-augment", action="store_true")
+    parser.add_argument("--resume", action="store_true")
+    args = parser.parse_args()
+
+    torch.set_num_threads(args.threads)
+    torch.manual_seed(args.seed)
+    task = TASKS[args.task]
+    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    model = task.network().to(device, memory_format=torch.channels_last).train()
+    average = copy.deepcopy(model)
+    peak = args.learning_rate or task.learning_rate
+    optimizer = torch.optim.AdamW(model.parameters(), peak, weight_decay=0.01)
+    checkpoint = args.out / f"{args.task}.pt"
+    step, trained_s, curves = 0, 0.0, []
+    if args.resume and checkpoint.exists():
+        state = torch.load(checkpoint, map_location=device)
+        model.load_state_dict(state["model"])
+        average.load_state_dict(state["average"])
+        optimizer.load_state_dict(state["optimizer"])
+        step, trained_s, curves = state["step"], state["trained_s"], state["curves"]
+
+    dataset = task.dataset(args.data, augment=not args.no_augment)
+    batches = Batches(len(dataset), args.batch or task.batch, args.seed, step)
+    loader = DataLoader(dataset, batch_sampler=batches, collate_fn=dataset.collate, num_workers=args.workers)
+    held_out = None
+    if args.val:
+        split = task.dataset(args.val, augment=False)
+        items = [[(i, 0)] for i in range(0, len(split), max(len(split) // args.val_frames, 1))]
+        held_out = DataLoader(split, batch_sampler=items, collate_fn=split.collate)
+
+    def save() -> None:
+        if held_out:
+            loss = validate(task, average, held_out, device)
+            curves.append({"step": step, "validation": loss})
+            tqdm.write(f"step {step}: validation loss {loss:.4f}")
+        state = {
+            "model": model.state_dict(),
+            "average": average.state_dict(),
+            "optimizer": optimizer.state_dict(),
+            "step": step,
+            "trained_s": trained_s,
+            "curves": curves,
+            "frames": len(dataset),
+            "arguments": {k: str(v) for k, v in vars(args).items()},
+        }
+        args.out.mkdir(parents=True, exist_ok=True)
+        partial = checkpoint.with_suffix(".partial")
+        torch.save(state, partial)
+        partial.replace(checkpoint)
+        (args.out / f"{args.task}-curves.json").write_text(json.dumps(curves))
+        plot(curves, args.out / f"{args.task}.png")
+
+    started = last_save = time.monotonic()
+    earlier_s, sums = trained_s, {}
+    bar = tqdm(total=args.steps, initial=step, desc=args.task, mininterval=5, dynamic_ncols=True)
+    for batch in loader:
+        progress = step / args.steps if args.steps else trained_s / (60 * args.minutes)
+        if progress >= 1:
+            break
+        for group in optimizer.param_groups:
+            group["lr"] = peak * one_cycle(progress)
+        parts = task.run(model, {k: v.to(device) for k, v in batch.items()})
+        total = sum(parts.values())
+        optimizer.zero_grad(set_to_none=True)
+        total.backward()
+        nn.utils.clip_grad_norm_(model.parameters(), 10)
+        optimizer.step()
+        step += 1
+        update_average(average, model, step)
+        trained_s = earlier_s + time.monotonic() - started
+        for name, part in {"total": total, **parts}.items():
+            sums[name] = sums.get(name, 0.0) + float(part.detach()) / LOG_EVERY
+        bar.update()
+        if step % LOG_EVERY == 0:
+            rate = optimizer.param_groups[0]["lr"]
+            curves.append({"step": step, "minutes": trained_s / 60, "learning_rate": rate, **sums})
+            bar.set_postfix({k: f"{v:.3f}" for k, v in sums.items()}, refresh=False)
+            sums = {}
+        if time.monotonic() - last_save > 60 * args.save_every_minutes:
+            save()
+            last_save = time.monotonic()
+    save()
+    bar.close()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,74 @@
+//! The lane network's logits to pixels: the expected cell in each row, or none.
+
+use covista_world::{MARK_COUNT, ROW_ANCHORS};
+
+/// For each mark its u in pixels at each row anchor, where it is seen.
+pub type MarkPixels = [[Option<f32>; ROW_ANCHORS.len()]; MARK_COUNT];
+
+/// Decodes logits [`grid_cells` + 1, row anchors, marks], the last cell being "none".
+///
+/// Where "none" is not the largest logit, u is `(E + 0.5) * image_width_px / grid_cells` with the
+/// expectation E of the cell's index over the softmax of the cells.
+pub fn decode(logits: &[f32], grid_cells: usize, image_width_px: u32) -> MarkPixels {
+    let cell_px = f64::from(image_width_px) / grid_cells as f64;
+    std::array::from_fn(|mark| {
+        std::array::from_fn(|row| {
+            let logit = |cell: usize| {
+                f64::from(logits[(cell * ROW_ANCHORS.len() + row) * MARK_COUNT + mark])
+            };
+            let largest = (0..grid_cells).map(logit).fold(f64::NEG_INFINITY, f64::max);
+            // Not finite where the network's output isn't: nothing is seen then.
+            if !largest.is_finite() || logit(grid_cells) >= largest {
+                return None;
+            }
+            let (mut total, mut moment) = (0.0, 0.0);
+            for cell in 0..grid_cells {
+                let weight = (logit(cell) - largest).exp();
+                total += weight;
+                moment += weight * cell as f64;
+            }
+            let u_px = (moment / total + 0.5) * cell_px;
+            u_px.is_finite().then_some(u_px as f32)
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CELLS: usize = 100;
+
+    fn logits(value: impl Fn(usize, usize, usize) -> f32) -> Vec<f32> {
+        (0..=CELLS)
+            .flat_map(|cell| (0..28).flat_map(move |row| (0..4).map(move |mark| (cell, row, mark))))
+            .map(|(cell, row, mark)| value(cell, row, mark))
+            .collect()
+    }
+
+    #[test]
+    fn two_cells_of_odds_three_to_one_give_their_mean() {
+        let logits = logits(|cell, row, mark| match (cell, row, mark) {
+            (40, 3, 2) => 50.0 + 3f32.ln(),
+            (41, 3, 2) => 50.0,
+            (CELLS, _, _) => 10.0,
+            _ => -50.0,
+        });
+        let pixels = decode(&logits, CELLS, 1242);
+        let u = pixels[2][3].expect("seen");
+        assert!((f64::from(u) - (40.25 + 0.5) * 12.42).abs() < 1e-3, "{u}");
+        assert_eq!(pixels.iter().flatten().flatten().count(), 1);
+    }
+
+    #[test]
+    fn what_is_not_finite_is_not_seen() {
+        let pixels = decode(&logits(|_, _, _| f32::NAN), CELLS, 1242);
+        assert!(pixels.iter().flatten().all(Option::is_none));
+        let pixels = decode(
+            &logits(|cell, _, _| if cell == 7 { f32::INFINITY } else { 0.0 }),
+            CELLS,
+            1242,
+        );
+        assert!(pixels.iter().flatten().all(Option::is_none));
+    }
+}

@@ -1,0 +1,78 @@
+//! The UFLD network as a session of ONNX Runtime.
+
+use ort::session::Session;
+use ort::value::TensorRef;
+
+use crate::card::{Dimension, ModelCard, UfldSpec};
+use crate::models::{ModelError, open_model};
+use crate::runtime::OnnxRuntime;
+
+/// The lane network.
+#[derive(Debug)]
+pub struct LaneNetwork {
+    session: Session,
+    input_size: [usize; 2],
+}
+
+impl LaneNetwork {
+    /// Opens the network of `card`.
+    ///
+    /// # Errors
+    /// The file is not the card's, or takes or gives other shapes than `spec` needs.
+    pub fn open(
+        runtime: &OnnxRuntime,
+        card: &ModelCard,
+        spec: &UfldSpec,
+        threads: usize,
+    ) -> Result<Self, ModelError> {
+        let session = open_model(runtime, card, threads)?;
+        let mismatch = |reason: &str| ModelError::Mismatch {
+            path: card.file.clone(),
+            reason: reason.into(),
+        };
+        let input_size = match card.inputs.as_slice() {
+            [image] => match image.shape.as_slice() {
+                [
+                    Dimension::Fixed(1),
+                    Dimension::Fixed(3),
+                    Dimension::Fixed(height @ 1..),
+                    Dimension::Fixed(width @ 1..),
+                ] => Some([*width as usize, *height as usize]),
+                _ => None,
+            },
+            _ => None,
+        }
+        .ok_or_else(|| mismatch("the input of a lane network is [1, 3, height, width]"))?;
+        let expected = spec
+            .output_shape()
+            .map(|length| Dimension::Fixed(length as i64));
+        match card.outputs.as_slice() {
+            [cells]
+                if cells.shape.split_first()
+                    == Some((&Dimension::Fixed(1), expected.as_slice())) => {}
+            _ => return Err(mismatch("its output is not [1, grid_cells + 1, 28, 4]")),
+        }
+        Ok(Self {
+            session,
+            input_size,
+        })
+    }
+
+    /// Width and height of the input in pixels.
+    pub fn input_size(&self) -> [usize; 2] {
+        self.input_size
+    }
+
+    /// From the input [3, height, width] to the logits [cells + 1, row anchors, marks], handed to
+    /// `read`.
+    ///
+    /// # Errors
+    /// ONNX Runtime fails.
+    pub fn run<T>(&mut self, image: &[f32], read: impl FnOnce(&[f32]) -> T) -> ort::Result<T> {
+        let [width, height] = self.input_size;
+        let input = TensorRef::from_array_view(([1, 3, height, width], image))?;
+        let outputs = self.session.run(ort::inputs![input])?;
+        let (_, logits) = outputs[0].try_extract_tensor::<f32>()?;
+        Ok(read(logits))
+    }
+}

@@ -1,0 +1,157 @@
+//! The pipeline through ONNX Runtime, on tiny networks whose answers are known. ONNX Runtime is
+//! found or fetched as at any other run.
+
+use std::path::{Path, PathBuf};
+
+use covista_perception::{
+    FramePercepts, ModelCard, ModelError, OnnxRuntime, Perceiver, fusion, list_models, verify_model,
+};
+use covista_world::{Calibration, CameraImage, ObjectClass, PointCloud, SensorFrame};
+use nalgebra::Vector3;
+
+fn fixtures() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures")
+}
+
+fn runtime() -> OnnxRuntime {
+    OnnxRuntime::acquire(&|_| ()).expect("ONNX Runtime")
+}
+
+fn frame(points: Vec<[f32; 4]>) -> SensorFrame {
+    SensorFrame {
+        time_s: 1.5,
+        image: CameraImage {
+            width_px: 1242,
+            height_px: 375,
+            rgb: vec![90; 3 * 1242 * 375],
+        },
+        points: PointCloud { points },
+    }
+}
+
+fn perceive(frame: &SensorFrame, threads: usize) -> FramePercepts {
+    Perceiver::new(&runtime(), &fixtures(), threads)
+        .expect("models")
+        .perceive(frame, &Calibration::kitti())
+        .expect("percepts")
+}
+
+#[test]
+fn a_frame_goes_through_both_networks() {
+    // The tiny detector sees one car in the cell around (20, 3) m of the LIDAR frame.
+    let frame = frame(vec![[20.0, 3.0, -1.0, 0.4]; 40]);
+    for threads in [1, 2] {
+        let found = perceive(&frame, threads);
+        assert_eq!(found.percepts.len(), 1);
+        let car = found.percepts[0].detection;
+        assert_eq!(car.class, ObjectClass::Car);
+        let center = Vector3::new(20.0 + 0.9, 3.0, 1.73 - 0.95);
+        assert!((car.center_m - center).norm() < 0.25, "{car:?}");
+        assert!((car.score - 1.0 / (1.0 + (-4f64).exp())).abs() < 1e-6);
+        // The tiny lane network sees upright marks at cells 20, 40, 60, 80: all bunched up at the
+        // horizon and apart nearby.
+        for (mark, pixels) in found.marks.pixels.iter().enumerate() {
+            let expected = (20.0 * (mark as f32 + 1.0) + 0.5) * 12.42;
+            assert!(
+                pixels
+                    .iter()
+                    .all(|u| u.is_some_and(|u| (u - expected).abs() < 0.01))
+            );
+        }
+        assert!(found.marks.curves.iter().all(Option::is_some));
+        assert!(fusion::ego_lane(&found.marks).is_some());
+        assert!((found.free_space.free_range_m(3f64.atan2(20.0)) - 409f64.sqrt()).abs() < 1e-3);
+        assert!(found.timings.lanes_s > 0.0 && found.timings.detector_s > 0.0);
+    }
+}
+
+#[test]
+fn an_empty_sweep_has_no_vehicle() {
+    assert!(perceive(&frame(Vec::new()), 1).percepts.is_empty());
+}
+
+#[test]
+fn frames_that_are_not_valid_are_refused_in_one_line() {
+    let mut perceiver = Perceiver::new(&runtime(), &fixtures(), 1).expect("models");
+    let mut refused = |frame: &SensorFrame| {
+        let error = perceiver.perceive(frame, &Calibration::kitti());
+        error.expect_err("refused").to_string()
+    };
+    let message = refused(&frame(vec![[f32::NAN, 0.0, 0.0, 0.0]]));
+    assert!(
+        message.contains("1.5 s") && message.contains("point 0"),
+        "{message}"
+    );
+    let mut short = frame(Vec::new());
+    short.image.rgb.pop();
+    assert!(refused(&short).contains("needs 1397250 bytes"));
+    let mut small = frame(Vec::new());
+    small.image = CameraImage {
+        width_px: 2,
+        height_px: 1,
+        rgb: vec![0; 6],
+    };
+    assert!(refused(&small).contains("[2, 1]"));
+}
+
+#[test]
+fn the_models_of_a_folder_are_listed_and_verified() {
+    let cards = list_models(&fixtures()).expect("cards");
+    let ids: Vec<_> = cards.iter().map(|card| card.id.as_str()).collect();
+    assert_eq!(ids, ["pointpillars", "ufld-resnet18"]);
+    for card in &cards {
+        verify_model(&runtime(), card).expect("fits its card");
+    }
+    let error = list_models(Path::new("nowhere")).expect_err("no folder");
+    assert!(
+        error.to_string().starts_with("nowhere is no folder"),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_model_that_is_not_its_cards_is_refused_in_one_line() {
+    let card = ModelCard::load(&fixtures().join("pointpillars.toml")).expect("card");
+    let refused = |change: &dyn Fn(&mut ModelCard)| {
+        let mut card = card.clone();
+        change(&mut card);
+        let message = verify_model(&runtime(), &card)
+            .expect_err("refused")
+            .to_string();
+        assert!(!message.contains('\n'), "{message}");
+        message
+    };
+    let message = refused(&|card| card.file = "nowhere.onnx".into());
+    assert!(
+        message.starts_with("the model nowhere.onnx can't be read"),
+        "{message}"
+    );
+    let message = refused(&|card| card.outputs[0].name = "scores".into());
+    assert!(message.contains("output class_logits"), "{message}");
+    let message = refused(&|card| card.inputs[1].dtype = "float32".into());
+    assert!(message.contains("input coords"), "{message}");
+
+    let folder = tempfile::tempdir().expect("folder");
+    let damaged = folder.path().join("damaged.onnx");
+    let mut bytes = std::fs::read(&card.file).expect("model");
+    bytes[200] ^= 1;
+    std::fs::write(&damaged, &bytes).expect("written");
+    let message = refused(&|card| card.file = damaged.clone());
+    assert!(
+        message.contains("is damaged") && message.contains("restore it"),
+        "{message}"
+    );
+
+    // A file with the hash of its card that is no ONNX model.
+    std::fs::write(&damaged, b"").expect("written");
+    let error = verify_model(
+        &runtime(),
+        &ModelCard {
+            file: damaged,
+            sha256: "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855".into(),
+            ..card.clone()
+        },
+    )
+    .expect_err("refused");
+    assert!(matches!(error, ModelError::Refused { .. }), "{error}");
+}

@@ -1,0 +1,268 @@
+//! What is truly there, in the LIDAR frame, and how much of it can be seen.
+
+use covista_traffic::{Scene, SceneVehicle, VehicleId, VehicleModel};
+use covista_world::{Detection3d, PointCloud, VehicleDimensions, wrap_angle};
+use nalgebra::{Point3, Vector3};
+
+use crate::Viewpoint;
+use crate::caster::{ObjectRef, RayScene};
+
+/// A vehicle's true box, in the LIDAR frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TruthBox {
+    /// The vehicle.
+    pub id: VehicleId,
+    /// Its model.
+    pub model: VehicleModel,
+    /// Centre of the box in metres.
+    pub center_m: Vector3<f64>,
+    /// Length, width, height in metres.
+    pub size_m: Vector3<f64>,
+    /// Heading about z, counter-clockwise from x, in (-pi, pi].
+    pub yaw_rad: f64,
+    /// LIDAR points on the body.
+    pub lidar_points: usize,
+    /// Share of the body in line of sight of the LIDAR, in [0, 1].
+    pub visibility: f64,
+}
+
+/// Range noise carries points this far out of the box; this close to the ground they are the
+/// ground's.
+const POINT_MARGIN_M: f64 = 0.05;
+const GROUND_MARGIN_M: f64 = 0.1;
+
+/// Half-extents of the detector's range in the LIDAR frame, in metres.
+const DETECTOR_RANGE_M: [f64; 2] = [69.12, 12.8];
+
+/// The boxes of all other vehicles, with the points of `cloud` (LIDAR frame) on each.
+pub fn truth_boxes(view: &Viewpoint, cloud: &PointCloud) -> Vec<TruthBox> {
+    let eye = view.lidar_position();
+    let boxes = view.others().map(|vehicle| {
+        let mut found = true_box(view, vehicle);
+        found.visibility = visible_share(view.rays, vehicle, eye, view.ego.id);
+        found.lidar_points = cloud
+            .points
+            .iter()
+            .filter(|point| found.holds(point))
+            .count();
+        found
+    });
+    boxes.collect()
+}
+
+/// Exact detections of the vehicles in line of sight and in the detector's range: perception
+/// without a perception error.
+pub fn truth_detections(view: &Viewpoint) -> Vec<Detection3d> {
+    let eye = view.lidar_position();
+    let [range_x_m, range_y_m] = DETECTOR_RANGE_M;
+    let detections = view.others().filter_map(|vehicle| {
+        let truth = true_box(view, vehicle);
+        let in_range = truth.center_m.x.abs() <= range_x_m && truth.center_m.y.abs() <= range_y_m;
+        let seen = in_range && visible_share(view.rays, vehicle, eye, view.ego.id) > 0.0;
+        seen.then(|| Detection3d {
+            center_m: truth.center_m,
+            size_m: truth.size_m,
+            yaw_rad: truth.yaw_rad,
+            class: vehicle.model.class(),
+            score: 1.0,
+        })
+    });
+    detections.collect()
+}
+
+/// Share of vehicle `target` that the point `from` (world frame, on vehicle `viewer`) has in line
+/// of sight, in [0, 1]; zero where the scene has no such vehicle.
+pub fn in_line_of_sight(
+    scene: &Scene,
+    rays: &RayScene,
+    from: Point3<f64>,
+    viewer: VehicleId,
+    target: VehicleId,
+) -> f64 {
+    let target = scene.vehicles.iter().find(|vehicle| vehicle.id == target);
+    target.map_or(0.0, |target| visible_share(rays, target, from, viewer))
+}
+
+/// Share of points on the body's outline, at two heights, that nothing but the two vehicles
+/// themselves hides from `from`.
+fn visible_share(
+    rays: &RayScene,
+    target: &SceneVehicle,
+    from: Point3<f64>,
+    viewer: VehicleId,
+) -> f64 {
+    let own = [ObjectRef::Vehicle(viewer), ObjectRef::Vehicle(target.id)];
+    let eye = from.cast::<f32>();
+    let pose = target.state.pose.to_isometry();
+    let samples = outline(target.dimensions());
+    let seen = samples.iter().filter(|sample| {
+        let gap = (pose * **sample - from).cast::<f32>();
+        let distance_m = gap.norm();
+        distance_m < 1e-3
+            || !rays.blocked(&eye, &(gap / distance_m), distance_m, |object| {
+                !own.contains(&object)
+            })
+    });
+    seen.count() as f64 / samples.len() as f64
+}
+
+/// Corners and middles of the sides at a third and at nine tenths of the height, a little inside
+/// the box, in the vehicle frame.
+fn outline(size: VehicleDimensions) -> [Point3<f64>; 16] {
+    const AROUND: [[f64; 2]; 8] = [
+        [1.0, 1.0],
+        [0.0, 1.0],
+        [-1.0, 1.0],
+        [-1.0, 0.0],
+        [-1.0, -1.0],
+        [0.0, -1.0],
+        [1.0, -1.0],
+        [1.0, 0.0],
+    ];
+    std::array::from_fn(|index| {
+        let [x, y] = AROUND[index % 8];
+        let height = if index < 8 { 1.0 / 3.0 } else { 0.9 };
+        Point3::new(
+            size.center_ahead_of_axle_m() + 0.45 * size.length_m * x,
+            0.45 * size.width_m * y,
+            height * size.height_m,
+        )
+    })
+}
+
+/// The box of `vehicle` in the LIDAR frame, with nothing measured yet.
+fn true_box(view: &Viewpoint, vehicle: &SceneVehicle) -> TruthBox {
+    let size = vehicle.dimensions();
+    let center = size.center_pose(vehicle.state.pose);
+    let center = Point3::new(center.x_m, center.y_m, size.height_m / 2.0);
+    let own_yaw_rad = view.ego.state.pose.yaw_rad;
+    TruthBox {
+        id: vehicle.id,
+        model: vehicle.model,
+        center_m: view
+            .world_from_lidar()
+            .inverse_transform_point(&center)
+            .coords,
+        size_m: Vector3::new(size.length_m, size.width_m, size.height_m),
+        yaw_rad: wrap_angle(vehicle.state.pose.yaw_rad - own_yaw_rad),
+        lidar_points: 0,
+        visibility: 0.0,
+    }
+}
+
+impl TruthBox {
+    /// Whether a LIDAR point lies on the body.
+    fn holds(&self, &[x, y, z, _]: &[f32; 4]) -> bool {
+        let gap = Vector3::new(f64::from(x), f64::from(y), f64::from(z)) - self.center_m;
+        let (sin, cos) = self.yaw_rad.sin_cos();
+        let half = self.size_m / 2.0;
+        (cos * gap.x + sin * gap.y).abs() <= half.x + POINT_MARGIN_M
+            && (cos * gap.y - sin * gap.x).abs() <= half.y + POINT_MARGIN_M
+            && gap.z >= GROUND_MARGIN_M - half.z
+            && gap.z <= half.z + POINT_MARGIN_M
+    }
+
+    /// The eight corners in the LIDAR frame: the lower four, then the upper four above them.
+    pub fn corners_m(&self) -> [Point3<f64>; 8] {
+        let (sin, cos) = self.yaw_rad.sin_cos();
+        let half = self.size_m / 2.0;
+        std::array::from_fn(|corner| {
+            let x = if matches!(corner % 4, 0 | 1) {
+                half.x
+            } else {
+                -half.x
+            };
+            let y = if matches!(corner % 4, 0 | 3) {
+                half.y
+            } else {
+                -half.y
+            };
+            let z = if corner < 4 { -half.z } else { half.z };
+            Point3::from(self.center_m + Vector3::new(cos * x - sin * y, sin * x + cos * y, z))
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use covista_world::{Calibration, Se2Pose};
+
+    use super::*;
+    use crate::Lidar;
+    use crate::testing::{EGO, block, empty_road, vehicle};
+
+    const OTHER: VehicleId = VehicleId(4);
+
+    /// An SUV whose rear axle is 15 m ahead on the left lane, turned by 0.1 rad.
+    fn scene_ahead() -> Scene {
+        let mut scene = empty_road();
+        let pose = Se2Pose::new(15.0, 3.5, 0.1);
+        scene.vehicles.push(vehicle(OTHER, VehicleModel::Suv, pose));
+        scene
+    }
+
+    fn with_view<T>(scene: &Scene, check: impl FnOnce(&Viewpoint) -> T) -> T {
+        let (rays, calibration) = (RayScene::new(scene), Calibration::kitti());
+        check(&Viewpoint::new(scene, &rays, EGO, &calibration).expect("the ego"))
+    }
+
+    #[test]
+    fn a_box_is_the_body_in_the_lidar_frame() {
+        let boxes = with_view(&scene_ahead(), |view| {
+            truth_boxes(view, &Lidar::hdl64e().sweep(view, 1))
+        });
+        let [truth] = boxes.as_slice() else {
+            panic!("one box: {boxes:?}")
+        };
+        // The body's centre is 4.6 / 2 - 1.0 m ahead of the rear axle.
+        let expected = Vector3::new(
+            15.0 + 1.3 * 0.1_f64.cos() - 0.9,
+            3.5 + 1.3 * 0.1_f64.sin(),
+            0.85 - 1.73,
+        );
+        assert!((truth.center_m - expected).norm() < 1e-9);
+        assert!((truth.yaw_rad - 0.1).abs() < 1e-12);
+        assert!((truth.visibility - 1.0).abs() < 1e-12);
+        assert!(truth.lidar_points > 300, "{}", truth.lidar_points);
+    }
+
+    #[test]
+    fn points_count_inside_the_box_and_not_outside() {
+        with_view(&scene_ahead(), |view| {
+            let center = truth_boxes(view, &PointCloud::default())[0].center_m;
+            let at = |x: f64, y: f64, z: f64| {
+                let point = (center + Vector3::new(x, y, z)).cast::<f32>();
+                [point.x, point.y, point.z, 0.3]
+            };
+            let cloud = PointCloud {
+                points: vec![
+                    at(0.0, 0.0, 0.0),
+                    at(2.2, 0.3, 0.5),
+                    at(2.6, 0.3, 0.5),
+                    at(0.0, 1.1, 0.0),
+                    at(0.0, 0.0, -0.84),
+                ],
+            };
+            assert_eq!(truth_boxes(view, &cloud)[0].lidar_points, 2);
+        });
+    }
+
+    #[test]
+    fn a_wall_hides_and_half_a_wall_hides_half() {
+        let mut scene = scene_ahead();
+        let detections = |scene: &Scene| with_view(scene, |view| truth_detections(view).len());
+        let share = |scene: &Scene| {
+            with_view(scene, |view| {
+                in_line_of_sight(scene, view.rays, view.lidar_position(), EGO, OTHER)
+            })
+        };
+        assert_eq!(detections(&scene), 1);
+        scene.scenery = vec![block([10.0, -2.0, 0.0], [10.5, 8.0, 4.0])].into();
+        assert!(share(&scene).abs() < 1e-12);
+        assert_eq!(detections(&scene), 0);
+        scene.scenery = vec![block([10.0, -2.0, 0.0], [10.5, 2.4, 4.0])].into();
+        let half = share(&scene);
+        assert!((0.2..0.8).contains(&half), "{half}");
+        assert_eq!(detections(&scene), 1);
+    }
+}

@@ -1,0 +1,327 @@
+//! The tracker as a vehicle uses it: frames in, messages in, tracks out.
+
+use covista_sharing::{Channel, OwnState, Tracker, TrackerSettings};
+use covista_world::{
+    Action, CollectivePerceptionMessage, Detection3d, LaneIndex, ObjectClass, Percept, Se2Pose,
+    StationId, Track, VehicleDimensions,
+};
+use nalgebra::{Vector2, Vector3};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, Normal};
+
+const SEDAN: VehicleDimensions = VehicleDimensions {
+    length_m: 4.6,
+    width_m: 1.9,
+    height_m: 1.5,
+    wheelbase_m: 2.7,
+    rear_overhang_m: 0.9,
+};
+const FRAME_S: f64 = 0.5;
+
+fn tracker(station: u32) -> Tracker {
+    Tracker::new(StationId(station), SEDAN, TrackerSettings::default())
+}
+
+/// The percept of a body whose centre has `center` in the world, seen from `pose`.
+fn percept(pose: Se2Pose, center: Vector2<f64>, lane: Option<LaneIndex>) -> Percept {
+    let local = pose.inverse_transform(center);
+    Percept {
+        detection: Detection3d {
+            center_m: Vector3::new(local.x, local.y, 0.75),
+            size_m: Vector3::new(4.6, 1.9, 1.5),
+            yaw_rad: -pose.yaw_rad,
+            class: ObjectClass::Car,
+            score: 0.7,
+        },
+        lane,
+        distance_m: local.norm(),
+        observation_angle_rad: 0.0,
+        rotation_y_rad: 0.0,
+    }
+}
+
+fn own(pose: Se2Pose, speed_mps: f64) -> OwnState {
+    OwnState {
+        pose,
+        speed_mps,
+        accel_mps2: 0.0,
+        lane: LaneIndex::LEFTMOST,
+        action: Action::KeepLane,
+        announced_s: 0.0,
+    }
+}
+
+fn at(x_m: f64, y_m: f64) -> Se2Pose {
+    Se2Pose::new(x_m, y_m, 0.0)
+}
+
+/// A tracker at `pose` that saw bodies standing at `centers` in `frames` frames from time 0.
+fn observer(station: u32, pose: Se2Pose, centers: &[Vector2<f64>], frames: u32) -> Tracker {
+    let mut tracker = tracker(station);
+    for i in 0..frames {
+        let percepts: Vec<_> = centers
+            .iter()
+            .map(|&center| percept(pose, center, None))
+            .collect();
+        tracker.observe(FRAME_S * f64::from(i), pose, 0.0, &percepts);
+    }
+    tracker
+}
+
+fn nearest(tracks: &[Track], place: Vector2<f64>) -> &Track {
+    let distance = |track: &Track| (track.state.center.position() - place).norm();
+    tracks
+        .iter()
+        .min_by(|a, b| distance(a).total_cmp(&distance(b)))
+        .expect("a track")
+}
+
+#[test]
+fn vehicles_keep_their_identity_and_get_a_velocity() {
+    let noise = Normal::new(0.0, 0.25).expect("a distribution");
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let mut tracker = tracker(1);
+    let truth = |t: f64| {
+        // A column of two, one overtaking in the next lane, and one that changes lane behind it.
+        [
+            Vector2::new(25.0 + 14.0 * t, 0.0),
+            Vector2::new(45.0 + 13.0 * t, 0.0),
+            Vector2::new(5.0 + 19.0 * t, 3.5),
+            Vector2::new(-20.0 + 14.0 * t, (0.9 * t).min(3.5)),
+        ]
+    };
+    let mut ids = None;
+    for i in 0..14 {
+        let t = FRAME_S * f64::from(i);
+        let pose = at(14.0 * t, -3.5);
+        let percepts: Vec<_> = truth(t)
+            .into_iter()
+            .enumerate()
+            .filter(|(k, _)| !(i == 6 && *k == 1))
+            .map(|(_, center)| {
+                let noise = Vector2::new(noise.sample(&mut rng), noise.sample(&mut rng));
+                percept(pose, center + noise, None)
+            })
+            .collect();
+        tracker.observe(t, pose, 14.0, &percepts);
+        if i < 2 {
+            continue;
+        }
+        let tracks = tracker.tracks(t);
+        assert_eq!(tracks.len(), 4, "frame {i}");
+        let now = truth(t).map(|center| nearest(&tracks, center).id);
+        assert_eq!(now, *ids.get_or_insert(now), "frame {i}");
+        let overtaking = nearest(&tracks, truth(t)[2]);
+        assert!((overtaking.state.velocity_mps.x - 19.0).abs() < 2.5);
+    }
+}
+
+#[test]
+fn an_object_seen_once_waits_for_a_second_frame_unless_it_is_sure() {
+    let pose = at(0.0, 0.0);
+    let mut seen = percept(pose, Vector2::new(30.0, 0.0), None);
+    let mut doubtful = tracker(1);
+    doubtful.observe(0.0, pose, 0.0, &[seen]);
+    assert!(doubtful.tracks(0.0).is_empty());
+    doubtful.observe(0.5, pose, 0.0, &[seen]);
+    assert_eq!(doubtful.tracks(0.5).len(), 1);
+    seen.detection.score = 0.95;
+    let mut sure = tracker(1);
+    sure.observe(0.0, pose, 0.0, &[seen]);
+    assert!(sure.tracks(0.0)[0].velocity_std_mps > 9.0);
+}
+
+#[test]
+fn two_vehicles_that_see_one_object_share_one_track() {
+    let parked = Vector2::new(50.0, 3.5);
+    let mut first = observer(1, at(0.0, 0.0), &[parked], 3);
+    let second = observer(2, at(20.0, -3.5), &[parked], 3);
+    let alone_std_m = first.tracks(1.0)[0].position_std_m;
+    let message = second.message(1.0, &own(at(20.0, -3.5), 0.0));
+    first.receive(1.0, [&message]);
+    let tracks = first.tracks(1.0);
+    let object = nearest(&tracks, parked);
+    assert_eq!(tracks.len(), 2, "the object and the sender");
+    assert_eq!(object.seen_by(StationId(1)), Some(1.0));
+    assert_eq!(object.seen_by(StationId(2)), Some(1.0));
+    assert!(object.position_std_m < alone_std_m);
+    let sender = nearest(&tracks, Vector2::new(21.4, -3.5));
+    assert_eq!(sender.station, Some(StationId(2)));
+    assert_eq!(sender.action, Some(Action::KeepLane));
+}
+
+#[test]
+fn nothing_is_counted_twice() {
+    let parked = Vector2::new(50.0, 3.5);
+    let mut first = observer(1, at(0.0, 0.0), &[parked], 3);
+    let mut second = observer(2, at(20.0, -3.5), &[parked], 3);
+    first.receive(1.0, [&second.message(1.0, &own(at(20.0, -3.5), 0.0))]);
+    let once = first.tracks(1.2);
+    // The same measurements again in a later message, and the way back of what was shared.
+    first.receive(1.2, [&second.message(1.2, &own(at(20.0, -3.5), 0.0))]);
+    let again = first.tracks(1.2);
+    assert_eq!(nearest(&once, parked), nearest(&again, parked));
+    let before = second.message(1.2, &own(at(20.0, -3.5), 0.0));
+    second.receive(1.2, [&first.message(1.2, &own(at(0.0, 0.0), 0.0))]);
+    assert_eq!(before, second.message(1.2, &own(at(20.0, -3.5), 0.0)));
+}
+
+#[test]
+fn objects_of_others_are_not_broadcast_as_own() {
+    let mut blind = tracker(1);
+    blind.observe(1.0, at(-60.0, 0.0), 0.0, &[]);
+    let seer = observer(2, at(0.0, 0.0), &[Vector2::new(40.0, 0.0)], 3);
+    blind.receive(1.0, [&seer.message(1.0, &own(at(0.0, 0.0), 0.0))]);
+    assert_eq!(blind.tracks(1.0).len(), 2);
+    assert!(
+        blind
+            .message(1.0, &own(at(-60.0, 0.0), 0.0))
+            .objects
+            .is_empty()
+    );
+}
+
+#[test]
+fn a_vehicle_does_not_find_itself_in_what_others_see() {
+    let (mut ahead, mut behind) = (tracker(1), tracker(2));
+    for i in 0..8 {
+        let t = FRAME_S * f64::from(i);
+        let poses = [at(30.0 + 14.0 * t, 0.0), at(14.0 * t, 0.0)];
+        let centers = poses.map(|pose| SEDAN.center_pose(pose).position());
+        ahead.observe(t, poses[0], 14.0, &[percept(poses[0], centers[1], None)]);
+        behind.observe(t, poses[1], 14.0, &[percept(poses[1], centers[0], None)]);
+        let later = t + 0.2;
+        let now = [at(30.0 + 14.0 * later, 0.0), at(14.0 * later, 0.0)];
+        let messages = [
+            ahead.message(later, &own(now[0], 14.0)),
+            behind.message(later, &own(now[1], 14.0)),
+        ];
+        let delivery = Channel::default().deliver(&messages);
+        ahead.receive(later, delivery.inboxes[&StationId(1)].iter().copied());
+        behind.receive(later, delivery.inboxes[&StationId(2)].iter().copied());
+        let tracks = behind.tracks(later);
+        assert_eq!(tracks.len(), 1, "frame {i}: {tracks:?}");
+        assert_eq!(tracks[0].station, Some(StationId(1)));
+        let error = tracks[0].state.center.position() - SEDAN.center_pose(now[0]).position();
+        assert!(error.norm() < 1e-9);
+    }
+    assert_eq!(behind.tracks(4.0)[0].seen_by(StationId(2)), Some(3.5));
+}
+
+#[test]
+fn a_parked_vehicle_stays_known_while_hidden_and_a_moving_one_does_not() {
+    let pose = at(0.0, 0.0);
+    let mut tracker = tracker(1);
+    for i in 0..4 {
+        let t = FRAME_S * f64::from(i);
+        let seen = [
+            percept(pose, Vector2::new(45.0, 3.5), None),
+            percept(pose, Vector2::new(20.0 + 14.0 * t, -3.5), None),
+        ];
+        tracker.observe(t, pose, 0.0, &seen);
+    }
+    assert_eq!(tracker.tracks(1.5).len(), 2);
+    for i in 4..20 {
+        tracker.observe(FRAME_S * f64::from(i), pose, 0.0, &[]);
+    }
+    let tracks = tracker.tracks(9.5);
+    assert_eq!(tracks.len(), 1);
+    assert!((tracks[0].state.center.position() - Vector2::new(45.0, 3.5)).norm() < 0.1);
+    assert!(tracks[0].state.velocity_mps.norm() < 1e-12);
+    assert!(tracker.tracks(12.0).is_empty());
+}
+
+#[test]
+fn a_parked_vehicle_that_left_from_plain_sight_is_forgotten() {
+    let pose = at(0.0, 0.0);
+    let mut tracker = observer(1, pose, &[Vector2::new(15.0, 0.0)], 4);
+    for i in 4..7 {
+        tracker.observe(FRAME_S * f64::from(i), pose, 0.0, &[]);
+    }
+    assert!(tracker.tracks(3.0).is_empty());
+}
+
+#[test]
+fn the_lane_is_the_majority_of_own_votes_before_shared_ones() {
+    let (pose, place) = (at(0.0, 0.0), Vector2::new(30.0, 0.0));
+    let lane = |index| LaneIndex::new(index);
+    let mut tracker = tracker(1);
+    for (i, vote) in [lane(1), lane(1), lane(2), None].into_iter().enumerate() {
+        let seen = percept(pose, place, vote);
+        tracker.observe(FRAME_S * i as f64, pose, 0.0, &[seen]);
+    }
+    assert_eq!(tracker.tracks(1.5)[0].lane, lane(1));
+    let mut other = self::tracker(2);
+    for i in 0..4 {
+        let there = at(5.0, 7.0);
+        other.observe(
+            FRAME_S * f64::from(i),
+            there,
+            0.0,
+            &[percept(there, place, lane(0))],
+        );
+    }
+    tracker.receive(1.5, [&other.message(1.5, &own(at(5.0, 7.0), 0.0))]);
+    assert_eq!(nearest(&tracker.tracks(1.5), place).lane, lane(1));
+}
+
+#[test]
+fn unusable_messages_are_refused_and_counted() {
+    let good = observer(2, at(0.0, 0.0), &[Vector2::new(40.0, 0.0)], 3)
+        .message(1.0, &own(at(0.0, 0.0), 0.0));
+    let broken = |change: &dyn Fn(&mut CollectivePerceptionMessage)| {
+        let mut message = good.clone();
+        change(&mut message);
+        message
+    };
+    let messages = [
+        broken(&|m| m.pose.x_m = f64::NAN),
+        broken(&|m| m.objects[0].state.velocity_mps.y = f64::INFINITY),
+        broken(&|m| m.dimensions.length_m = -1.0),
+        broken(&|m| m.time_s = 2.0),
+        broken(&|m| m.objects[0].measured_s = 5.0),
+        broken(&|m| m.time_s = -1.0),
+    ];
+    let mut tracker = tracker(1);
+    tracker.receive(1.0, &messages);
+    assert!(tracker.tracks(1.0).is_empty());
+    let counts = tracker.counts();
+    assert_eq!(
+        (counts.accepted, counts.invalid, counts.future, counts.stale),
+        (0, 3, 2, 1)
+    );
+    let mut nan = percept(at(0.0, 0.0), Vector2::new(10.0, 0.0), None);
+    nan.detection.center_m.x = f64::NAN;
+    tracker.observe(1.0, at(0.0, 0.0), 0.0, &[nan]);
+    tracker.observe(f64::NAN, at(0.0, 0.0), 0.0, &[nan]);
+    assert_eq!(tracker.counts().invalid_percepts, 2);
+    assert!(tracker.tracks(1.0).is_empty());
+}
+
+#[test]
+fn the_order_of_messages_does_not_matter() {
+    let places = [Vector2::new(50.0, 3.5), Vector2::new(60.0, 3.5)];
+    let messages = [2, 3, 4].map(|station| {
+        let pose = at(10.0 * f64::from(station), -3.5);
+        observer(station, pose, &places, 3).message(1.0, &own(pose, 0.0))
+    });
+    let tracks_in = |order: [usize; 3]| {
+        let mut tracker = observer(1, at(0.0, 0.0), &places[..1], 3);
+        tracker.receive(1.0, order.map(|i| &messages[i]));
+        tracker.tracks(1.1)
+    };
+    let expected = tracks_in([0, 1, 2]);
+    assert_eq!(expected.len(), 5);
+    assert_eq!(expected, tracks_in([2, 0, 1]));
+    assert_eq!(expected, tracks_in([1, 2, 0]));
+    let mut one_by_one = observer(1, at(0.0, 0.0), &places[..1], 3);
+    for i in [2, 1, 0] {
+        one_by_one.receive(1.0, [&messages[i]]);
+    }
+    for track in &expected {
+        let same = nearest(&one_by_one.tracks(1.1), track.state.center.position()).clone();
+        assert!((same.state.center.position() - track.state.center.position()).norm() < 1e-9);
+        assert_eq!(same.sightings, track.sightings);
+    }
+}

@@ -1,0 +1,10 @@
+//! The system as its users meet it. Each module is one concern:
+//!
+//! - `workspace`: the dependency rule of ARCHITECTURE.md, read off the Cargo.toml files;
+//! - `demo`: the obstacle-at-corner demo through the binary;
+//! - `errors`: bad input, one clear line and exit code 2.
+
+mod binary;
+mod demo;
+mod errors;
+mod workspace;
