@@ -104,7 +104,7 @@ pub struct DatasetArgs {
     pub out: PathBuf,
     /// Frames in all; those already there are kept
     #[arg(long)]
-    pub frames: usize,
+    pub frames: u64,
     /// Seed of the scenes
     #[arg(long, default_value_t = 0)]
     pub seed: u64,

@@ -18,8 +18,8 @@ use clap::Parser;
 
 fn main() -> ExitCode {
     let result = match cli::Cli::parse().command {
-        None => demo::run(&cli::DemoArgs::default()),
-        Some(cli::Command::Demo(args)) => demo::run(&args),
+        None => demo::run_demo(&cli::DemoArgs::default()),
+        Some(cli::Command::Demo(args)) => demo::run_demo(&args),
         Some(cli::Command::Dataset(args)) => dataset::run(&args),
         Some(cli::Command::Eval(args)) => eval::run(&args),
         Some(cli::Command::Models(args)) => models::run(&args),

@@ -8,8 +8,12 @@ pub fn side_by_side(runs: &[RunSummary]) -> String {
     let mut add = |name: &str, cell: &dyn Fn(&RunSummary) -> String| {
         rows.push(row(name, runs, cell));
     };
-    add("mean speed, m/s", &|run| format!("{:.2}", run.mean_velocity_mps));
-    add("mean comfort, 0 to 3", &|run| format!("{:.2}", run.mean_comfort));
+    add("mean speed, m/s", &|run| {
+        format!("{:.2}", run.mean_velocity_mps)
+    });
+    add("mean comfort, 0 to 3", &|run| {
+        format!("{:.2}", run.mean_comfort)
+    });
     add("vehicles stuck", &|run| run.vehicles_stuck.to_string());
     add("lane changes before own sight", &|run| {
         run.lane_changes_before_sight.to_string()
@@ -47,7 +51,10 @@ pub fn side_by_side(runs: &[RunSummary]) -> String {
     }
     add("wall time, s", &|run| format!("{:.1}", run.wall_s));
     add("  sensors / perception", &|run| {
-        format!("{:.1} / {:.1}", run.stages.sensors_s, run.stages.perception_s)
+        format!(
+            "{:.1} / {:.1}",
+            run.stages.sensors_s, run.stages.perception_s
+        )
     });
     add("  sharing / planner", &|run| {
         format!("{:.1} / {:.1}", run.stages.sharing_s, run.stages.planner_s)

@@ -40,8 +40,8 @@ impl Closing {
         let ego_steps = steps_to_stop(v, self.ego_loss_mps);
         let both_steps = ego_steps.min(steps_to_stop(v_k, self.leader_loss_mps));
         let first = self.step_m(v, v_k);
-        let slope = (self.leader_rate * self.leader_loss_mps - self.ego_rate * self.ego_loss_mps)
-            * STEP_S;
+        let slope =
+            (self.leader_rate * self.leader_loss_mps - self.ego_rate * self.ego_loss_mps) * STEP_S;
         let sum = |n: f64| first * n + slope * n * (n - 1.0) / 2.0;
 
         let peak = if slope < 0.0 {

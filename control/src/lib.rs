@@ -26,9 +26,12 @@ mod manoeuvre;
 mod path;
 mod qp;
 mod reference;
+mod rows;
 mod settings;
 mod sight;
 mod situation;
+#[cfg(test)]
+mod tests;
 mod verdict;
 
 pub use controller::{ControlOutput, Controller, Excuse, Excused};

@@ -84,9 +84,10 @@ impl LateralPath {
         );
         let first = (after - before) / (2.0 * DIFFERENCE_M);
         let second = (after - 2.0 * here + before) / (DIFFERENCE_M * DIFFERENCE_M);
-        let along = road.reference(s_m).0.inverse_transform(
-            road.reference(s_m).0.position() + first,
-        );
+        let along = road
+            .reference(s_m)
+            .0
+            .inverse_transform(road.reference(s_m).0.position() + first);
         PathPoint {
             d_m: self.d_m(s_m),
             psi_rad: along.y.atan2(along.x),
@@ -112,7 +113,10 @@ mod tests {
     #[test]
     fn a_parallel_of_an_arc_has_the_radius_less_the_offset() {
         let point = LateralPath::constant(3.5).at(&arc(), 80.0);
-        assert!((point.curvature_per_m - 1.0 / 76.5).abs() < 1e-7, "{point:?}");
+        assert!(
+            (point.curvature_per_m - 1.0 / 76.5).abs() < 1e-7,
+            "{point:?}"
+        );
         assert!(point.psi_rad.abs() < 1e-9);
     }
 

@@ -168,7 +168,11 @@ impl Program {
             };
             let violation = row.sign * x[component(row.input)] - row.limit - zeta;
             // A NaN must not pass as a small number.
-            if violation.is_nan() { f64::INFINITY } else { worst.max(violation) }
+            if violation.is_nan() {
+                f64::INFINITY
+            } else {
+                worst.max(violation)
+            }
         };
         self.inequalities.iter().fold(0.0, worst)
     }

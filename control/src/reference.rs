@@ -4,9 +4,9 @@ use crate::barriers::curve_speed::speed_limit_mps;
 use crate::barriers::front::{Ahead, Gap};
 use crate::barriers::lateral::tan_delta_limit;
 use crate::barriers::sight;
-use crate::filter::{Rows, ahead_in, is_in_the_way};
 use crate::manoeuvre::Course;
 use crate::path::LateralPath;
+use crate::rows::{ahead_in, is_in_the_way};
 use crate::{Closing, ControlSettings, Situation};
 
 /// The reference u_nominal = U a of one step: flat outputs for the steering, and a speed that
@@ -57,7 +57,7 @@ fn accel(
         wanted_mps = wanted_mps.min(sight_speed_mps(situation, &ahead, settings));
         for leader in situation.neighbours.iter().filter(|neighbour| {
             neighbour.lanes.contains(ahead.lane)
-                && is_in_the_way(neighbour, &situation.ego, ahead.kind, settings)
+                && is_in_the_way(neighbour, &situation.ego, ahead.kind)
         }) {
             let leaving = ahead.leaves_round(leader, &settings.safety);
             if leaving {
@@ -121,12 +121,4 @@ fn sight_speed_mps(
     let closing = Closing::new(safety, 1.0, 1.0);
     let limit = closing.max_speed_mps(gap.gap_m - keep_m, 0.0, 80.0);
     settings.reference.speed_share * limit.unwrap_or(0.0)
-}
-
-/// Whether the reference itself meets every row.
-pub fn is_safe(u: ControlInput, rows: &Rows) -> bool {
-    rows.hard
-        .iter()
-        .chain(&rows.rear)
-        .all(|row| row.admits(u))
 }

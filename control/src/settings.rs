@@ -173,10 +173,7 @@ impl ControlSettings {
             ("follower_brake_mps2", s.follower_brake_mps2),
             ("headway_safe_m", s.headway_safe_m),
             ("gentle_brake_mps2", s.gentle_brake_mps2),
-            (
-                "counter_curvature_min_per_m",
-                s.counter_curvature_min_per_m,
-            ),
+            ("counter_curvature_min_per_m", s.counter_curvature_min_per_m),
             ("sight_range_m", s.sight_range_m),
             ("reference.accel_mps2", r.accel_mps2),
             ("reference.brake_mps2", r.brake_mps2),

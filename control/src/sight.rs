@@ -83,7 +83,9 @@ pub fn clear_until_m(
             .iter()
             .any(|neighbour| neighbour.lanes.contains(lane) && is_at(neighbour, blocker))
     };
-    let count = ((settings.sight_range_m - FIRST_M) / STEP_M).floor().max(0.0) as usize;
+    let count = ((settings.sight_range_m - FIRST_M) / STEP_M)
+        .floor()
+        .max(0.0) as usize;
     let seen = (0..=count)
         .map(|i| from_m + FIRST_M + STEP_M * i as f64)
         .take_while(|&s_m| {
@@ -119,7 +121,7 @@ mod tests {
         let lidar = Se2Pose::new(20.0, 0.0, 0.0);
         let open = clear_until_m(&road, lane, lidar, &|_| 120.0, &[], &settings);
         assert!((open - 85.0).abs() < 1e-9, "{open}");
-        let wall = clear_until_m(&road, lane, lidar, &|a| 30.0 / a.cos(), &[], &settings);
+        let wall = clear_until_m(&road, lane, lidar, &|a| 30.2 / a.cos(), &[], &settings);
         assert!((wall - 51.0).abs() < 1e-6, "{wall}");
         let nothing = clear_until_m(&road, lane, lidar, &|_| f64::NAN, &[], &settings);
         assert!((nothing - 20.0).abs() < 1e-9);

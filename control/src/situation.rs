@@ -228,7 +228,8 @@ impl Neighbour {
             length_m: state.length_m,
             worst_s_rear_m: rear_m + since_track_m - since_measured_m + braked_m - position_error_m,
             worst_slow_mps: (slow_mps - settings.leader_brake_mps2 * age_s).max(0.0),
-            worst_s_front_m: front_m + since_track_m - since_measured_m + driven_m
+            worst_s_front_m: front_m + since_track_m - since_measured_m
+                + driven_m
                 + position_error_m,
             worst_fast_mps: fast_mps + settings.follower_accel_mps2 * age_s,
             action: track.action,
@@ -275,7 +276,10 @@ impl Neighbour {
 }
 
 fn fold_s(points: &[FrenetPoint; 4], pick: fn(f64, f64) -> f64) -> f64 {
-    points.iter().map(|point| point.s_m).fold(points[0].s_m, pick)
+    points
+        .iter()
+        .map(|point| point.s_m)
+        .fold(points[0].s_m, pick)
 }
 
 fn lanes_of(track: &Track, road: &Road, right_m: f64, left_m: f64, entry_m: f64) -> LaneSet {
@@ -312,7 +316,7 @@ pub(crate) struct ArcRates {
 
 impl ArcRates {
     pub fn new(road: &Road, off_center_m: f64) -> Self {
-        let curvature = road.max_abs_curvature(0.0, road.length_m());
+        let curvature = road.sharpest_per_m();
         let share = curvature * off_center_m / (1.0 - curvature * half_width_m(road));
         Self {
             low: (1.0 - share).max(0.0),

@@ -1,1 +1,29 @@
+//! The closed loop, top to bottom: `traffic -> sensors -> perception -> sharing -> planner ->
+//! control -> traffic`.
+//!
+//! [`run`] drives one scenario once; it reads like the list in ARCHITECTURE.md. The [`Monitor`]
+//! watches it on the truth, and a [`RunSummary`] says what came out.
+//!
+//! *Architecture invariant:* this crate joins the stages and adds nothing to them. What a CAV's
+//! tracker, policy and controller are given comes from its own sensors and from messages, never
+//! from the truth; the truth goes to the monitor, the trace and the recording only. It knows
+//! neither rerun nor the command line.
 
+mod cav;
+mod evaluate;
+mod monitor;
+mod run;
+mod senses;
+mod summary;
+mod trace;
+mod truth;
+
+pub use covista_control::ControlSettings;
+pub use covista_traffic::{Material, Scenario, Traffic, VehicleKind};
+pub use evaluate::{DetectorEvaluation, EvaluateError, Evaluation, LaneEvaluation, evaluate};
+pub use monitor::{Cause, CavView, Monitor, TrueBarriers};
+pub use run::{FocusSnapshot, RunConfig, RunError, Snapshot, run};
+pub use senses::Senses;
+pub use summary::{CavSummary, RunSummary, StageWallTimes};
+pub use trace::{TRACE_HEADER, TraceRow};
+pub use truth::{TrueVehicle, closing_distance_m};

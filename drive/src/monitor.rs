@@ -1,21 +1,20 @@
 use std::collections::{BTreeMap, BTreeSet};
 
-use covista_control::SafetySettings;
+use covista_control::{Manoeuvre, SafetySettings};
 use covista_traffic::{VehicleId, VehicleKind};
-use covista_world::{Action, LaneIndex, Road, Track};
+use covista_world::{LaneIndex, Road, Track};
 
 use crate::truth::{TrueVehicle, closing_distance_m};
 
 /// Slower than this for [`STUCK_S`] on end counts as stuck.
 const STUCK_MPS: f64 = 0.5;
 const STUCK_S: f64 = 5.0;
-/// Below this speed a vehicle that leaves its lane round a stopped one keeps the collision
-/// barrier only (shared/CONTROL.md).
-const LEAVING_MPS: f64 = 5.0;
 /// h below this counts as violated: what the monitor's quadrature of the arc length may err by.
 const TOLERANCE_M: f64 = 0.05;
 /// From light on a vehicle to its confirmed track: two frames, the filter's and the step's delay.
 const PERCEPTION_DELAY_S: f64 = 1.5;
+/// Knowledge older than this breaks the promise's assumption on age.
+const OLDEST_KNOWLEDGE_S: f64 = 1.0;
 /// A track within this distance of the truth is a track of that vehicle.
 const SAME_OBJECT_M: f64 = 4.0;
 
@@ -81,10 +80,8 @@ pub struct CavView<'a> {
     pub id: VehicleId,
     /// What it knows, to tell which assumption broke.
     pub tracks: &'a [Track],
-    /// The action it executes.
-    pub action: Action,
-    /// Time of its newest own perception frame, in seconds.
-    pub now_s: f64,
+    /// What its controller is about.
+    pub manoeuvre: Manoeuvre,
 }
 
 #[derive(Debug, Default)]
@@ -106,6 +103,8 @@ pub struct Monitor {
     causes: BTreeMap<Cause, usize>,
     current: BTreeMap<VehicleId, TrueBarriers>,
     min_headway_m: BTreeMap<VehicleId, f64>,
+    changing: BTreeSet<VehicleId>,
+    unsafe_actions: usize,
 }
 
 impl Monitor {
@@ -121,6 +120,8 @@ impl Monitor {
             causes: BTreeMap::new(),
             current: BTreeMap::new(),
             min_headway_m: BTreeMap::new(),
+            changing: BTreeSet::new(),
+            unsafe_actions: 0,
         }
     }
 
@@ -173,51 +174,35 @@ impl Monitor {
         ego: &TrueVehicle,
         view: &CavView<'_>,
     ) {
-        let lanes: BTreeSet<LaneIndex> = LaneIndex::all()
-            .filter(|lane| ego.occupies(*lane, road))
-            .collect();
+        self.judge_lane_change(road, truth, ego, view);
+        let lanes = ego.lanes(road);
         let previous = self
             .own_lanes
             .insert(ego.id, lanes.clone())
             .unwrap_or_else(|| lanes.clone());
         let mut worst: Option<TrueBarriers> = None;
         for other in truth.iter().filter(|other| other.id != ego.id) {
-            let shared: BTreeSet<LaneIndex> = lanes
-                .iter()
-                .copied()
-                .filter(|lane| other.occupies(*lane, road))
-                .collect();
-            let occupied: BTreeSet<LaneIndex> = LaneIndex::all()
-                .filter(|lane| other.occupies(*lane, road))
-                .collect();
-            let barriers = (!shared.is_empty())
-                .then(|| self.barriers(ego, other, road))
-                .flatten();
-            let pair = self.pairs.entry((ego.id, other.id)).or_default();
+            let occupied = other.lanes(road);
+            let shared: BTreeSet<LaneIndex> = lanes.intersection(&occupied).copied().collect();
+            let barriers = if shared.is_empty() {
+                None
+            } else {
+                self.barriers(ego, other, road)
+            };
             let violated = barriers.is_some_and(|barriers| barriers.h_m < -TOLERANCE_M);
-            if !violated {
-                pair.episode = None;
-            } else if pair.episode.is_none() {
-                let entered = shared
-                    .iter()
-                    .any(|lane| !pair.occupied.contains(lane) && previous.contains(lane));
-                let fresh = pair
-                    .in_sight_since_s
-                    .is_none_or(|since| time_s - since < PERCEPTION_DELAY_S);
-                let cause = if entered {
-                    Cause::CutIn
-                } else if view.action.is_lane_change() && ego.speed_mps < LEAVING_MPS {
-                    Cause::Leaving
-                } else {
-                    self.settings_cause(other, view, fresh)
-                };
-                let pair = self.pairs.entry((ego.id, other.id)).or_default();
-                pair.episode = Some(cause);
-                *self.causes.entry(cause).or_default() += 1;
-            }
+            let known = self.pairs.get(&(ego.id, other.id));
+            let cause = match known.and_then(|pair| pair.episode) {
+                _ if !violated => None,
+                Some(cause) => Some(cause),
+                None => {
+                    let cause = self.cause(time_s, ego, other, view, &shared, &previous);
+                    *self.causes.entry(cause).or_default() += 1;
+                    Some(cause)
+                }
+            };
             let pair = self.pairs.entry((ego.id, other.id)).or_default();
+            pair.episode = cause;
             pair.occupied = occupied;
-            let cause = pair.episode;
             if let Some(barriers) = barriers {
                 let least = self
                     .min_headway_m
@@ -235,6 +220,33 @@ impl Monitor {
         };
     }
 
+    /// Counts a lane change that begins inside the collision set of the truth, towards a vehicle
+    /// ahead or behind in the lane that it enters.
+    fn judge_lane_change(
+        &mut self,
+        road: &Road,
+        truth: &[TrueVehicle],
+        ego: &TrueVehicle,
+        view: &CavView<'_>,
+    ) {
+        let Manoeuvre::ChangeLane { to, .. } = view.manoeuvre else {
+            self.changing.remove(&ego.id);
+            return;
+        };
+        if !self.changing.insert(ego.id) {
+            return;
+        }
+        let collides = truth
+            .iter()
+            .filter(|other| other.id != ego.id && other.occupies(to, road))
+            .filter_map(|other| {
+                self.barriers(ego, other, road)
+                    .or_else(|| self.barriers(other, ego, road))
+            })
+            .any(|barriers| barriers.h0_m < 0.0);
+        self.unsafe_actions += usize::from(collides);
+    }
+
     fn barriers(
         &self,
         ego: &TrueVehicle,
@@ -245,46 +257,70 @@ impl Monitor {
         let closing_m = closing_distance_m(
             ego.speed_mps,
             ahead.speed_mps,
-            self.settings.b_e_mps2,
-            self.settings.b_l_mps2,
+            self.settings.brake_mps2,
+            self.settings.leader_brake_mps2,
         );
         let half_lengths_m = (ego.dimensions.length_m + ahead.dimensions.length_m) / 2.0;
         Some(TrueBarriers {
-            h_m: gap_m - (self.settings.p_safe_m - half_lengths_m) - closing_m,
+            h_m: gap_m - (self.settings.headway_safe_m - half_lengths_m) - closing_m,
             h0_m: gap_m - self.settings.collision_margin_m - closing_m,
             headway_m: gap_m + half_lengths_m,
             cause: None,
         })
     }
 
-    /// Why a CAV that should have known `other` came too close to it.
-    fn settings_cause(&self, other: &TrueVehicle, view: &CavView<'_>, fresh: bool) -> Cause {
-        let center = other.center;
-        let nearest = view
-            .tracks
+    /// Why `ego` is outside the safe set towards `other`, in lanes that both occupy.
+    fn cause(
+        &self,
+        time_s: f64,
+        ego: &TrueVehicle,
+        other: &TrueVehicle,
+        view: &CavView<'_>,
+        shared: &BTreeSet<LaneIndex>,
+        previous: &BTreeSet<LaneIndex>,
+    ) -> Cause {
+        let pair = self.pairs.get(&(ego.id, other.id));
+        let entered = pair.is_some_and(|pair| {
+            shared
+                .iter()
+                .any(|lane| !pair.occupied.contains(lane) && previous.contains(lane))
+        });
+        let in_sight_since_s = pair.and_then(|pair| pair.in_sight_since_s);
+        let leaves = matches!(view.manoeuvre, Manoeuvre::ChangeLane { .. })
+            && ego.speed_mps < self.settings.leaving_speed_mps;
+        if entered {
+            Cause::CutIn
+        } else if leaves {
+            Cause::Leaving
+        } else if in_sight_since_s.is_none_or(|since_s| time_s - since_s < PERCEPTION_DELAY_S) {
+            Cause::Revealed
+        } else {
+            self.broken_knowledge(time_s, other, view.tracks)
+        }
+    }
+
+    /// Which assumption about a CAV's knowledge of `other` does not hold.
+    fn broken_knowledge(&self, time_s: f64, other: &TrueVehicle, tracks: &[Track]) -> Cause {
+        let error_m = |track: &Track| (track.state.center.position() - other.center).norm();
+        let nearest = tracks
             .iter()
-            .map(|track| {
-                let error_m = (track.state.center.position() - center).norm();
-                (error_m, track)
-            })
-            .min_by(|a, b| a.0.total_cmp(&b.0));
-        match nearest {
-            _ if fresh => Cause::Revealed,
-            None => Cause::MissedObject,
-            Some((error_m, _)) if error_m > SAME_OBJECT_M => Cause::MissedObject,
-            Some((_, track)) if view.now_s - track.measured_s() > self.settings.max_age_s => {
-                Cause::MessageAge
-            }
-            Some((error_m, track)) => {
-                let speed_error = (track.state.velocity_mps - other.velocity).norm();
-                let position_bound = self.settings.sigma_bound * track.position_std_m;
-                let speed_bound = self.settings.sigma_bound * track.velocity_std_mps;
-                if error_m > position_bound || speed_error > speed_bound {
-                    Cause::PerceptionError
-                } else {
-                    Cause::Unattributed
-                }
-            }
+            .min_by(|a, b| error_m(a).total_cmp(&error_m(b)))
+            .filter(|track| error_m(track) <= SAME_OBJECT_M);
+        let Some(track) = nearest else {
+            return Cause::MissedObject;
+        };
+        let speed_error_mps = (track.state.velocity_mps - other.velocity).norm();
+        let sigmas = self.settings.error_sigmas;
+        let position_bound_m =
+            (sigmas * track.position_std_m).min(self.settings.position_error_max_m);
+        let speed_bound_mps =
+            (sigmas * track.velocity_std_mps).min(self.settings.speed_error_max_mps);
+        if time_s - track.measured_s() > OLDEST_KNOWLEDGE_S {
+            Cause::MessageAge
+        } else if error_m(track) > position_bound_m || speed_error_mps > speed_bound_mps {
+            Cause::PerceptionError
+        } else {
+            Cause::Unattributed
         }
     }
 
@@ -301,6 +337,11 @@ impl Monitor {
     /// CAVs and humans that were stuck at some time.
     pub fn stuck(&self) -> usize {
         self.stuck.len()
+    }
+
+    /// Lane changes that began inside the collision set of the truth.
+    pub fn unsafe_actions(&self) -> usize {
+        self.unsafe_actions
     }
 
     /// Pairs of bodies that overlapped at some time.

@@ -9,7 +9,7 @@ pub struct CavSummary {
     pub initial_lane: u8,
     /// When it first had line of sight to an obstacle, in seconds; `None` if never.
     pub first_line_of_sight_s: Option<f64>,
-    /// When its first lane change out of an obstacle's lane began, in seconds; `None` if never.
+    /// When its first lane change began, in seconds; `None` if never.
     pub lane_change_start_s: Option<f64>,
     /// Hardest braking in m/s^2, as a positive number.
     pub hardest_braking_mps2: f64,
@@ -49,7 +49,7 @@ pub struct RunSummary {
     pub mean_comfort: f64,
     /// CAVs and humans that were slower than 0.5 m/s for 5 s on end.
     pub vehicles_stuck: usize,
-    /// CAVs whose lane change out of an obstacle's lane began before their own line of sight.
+    /// CAVs whose first lane change began before their own line of sight to an obstacle.
     pub lane_changes_before_sight: usize,
     /// Lane changes that CAVs began, all together.
     pub lane_changes: usize,
@@ -57,7 +57,7 @@ pub struct RunSummary {
     pub vehicles: Vec<CavSummary>,
     /// Pairs of bodies that overlapped at any time.
     pub collisions: usize,
-    /// Lane changes begun, or kept lanes, inside the collision set of the truth.
+    /// Lane changes that began inside the collision set of the truth.
     pub unsafe_actions: usize,
     /// Times a CAV left the safe set (h < 0 on the truth), excused and attributed ones included.
     pub violations: usize,

@@ -1,3 +1,5 @@
+use std::collections::BTreeSet;
+
 use covista_traffic::{Traffic, VehicleId, VehicleKind};
 use covista_world::{FrenetPose, LaneIndex, Road, STEP_S, VehicleDimensions};
 use nalgebra::Vector2;
@@ -35,9 +37,9 @@ impl TrueVehicle {
             .vehicles()
             .iter()
             .map(|vehicle| {
-                let dimensions = vehicle.model.dimensions();
+                let dimensions = vehicle.dimensions();
                 let pose = vehicle.state.pose;
-                let frenet = road.to_frenet_pose_near(pose, vehicle.s_hint_m());
+                let frenet = vehicle.frenet;
                 let corners = dimensions
                     .corners_from_axle()
                     .map(|corner| road.to_frenet_near(pose.transform(corner), frenet.s_m));
@@ -64,6 +66,13 @@ impl TrueVehicle {
         self.d_range_m[0] < left && self.d_range_m[1] > right
     }
 
+    /// The lanes that the body reaches into.
+    pub fn lanes(&self, road: &Road) -> BTreeSet<LaneIndex> {
+        LaneIndex::all()
+            .filter(|lane| self.occupies(*lane, road))
+            .collect()
+    }
+
     /// Bumper-to-bumper gap to `ahead` in metres of the lane's own length, or `None` when it is
     /// not ahead.
     pub fn gap_to_m(&self, ahead: &Self, road: &Road) -> Option<f64> {
@@ -75,7 +84,9 @@ impl TrueVehicle {
 
     /// Least length of the lane for each metre of the reference line on the way to `ahead`.
     fn lane_stretch(&self, ahead: &Self, road: &Road) -> f64 {
-        let d_m = self.lane.map_or(self.frenet.d_m, |lane| road.lane_center_m(lane));
+        let d_m = self
+            .lane
+            .map_or(self.frenet.d_m, |lane| road.lane_center_m(lane));
         let steps = 4;
         (0..=steps)
             .map(|i| {

@@ -141,12 +141,12 @@ class LaneDataset(Dataset):
 def augment_lanes(
     image: np.ndarray, marks: np.ndarray, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mirror, small rotation, scale and shift, then brightness, contrast, colour and noise."""
+    """Mirror, small rotation, scale and shift, then brightness, contrast and colour."""
     height, width = lanes.INPUT_HEIGHT_PX, lanes.INPUT_WIDTH_PX
     sx, sy = width / lanes.IMAGE_WIDTH_PX, height / lanes.IMAGE_HEIGHT_PX
     if rng.random() < 0.5:
         image = image[:, ::-1]
-        marks = lanes.IMAGE_WIDTH_PX - marks[:, ::-1]
+        marks = lanes.IMAGE_WIDTH_PX - 1 - marks[:, ::-1]
     if rng.random() < 0.7:
         angle, scale = rng.uniform(-0.05, 0.05), rng.uniform(0.92, 1.1)
         shift = np.array((rng.uniform(-60, 60), rng.uniform(-12, 12)))
@@ -173,10 +173,11 @@ def augment_lanes(
         marks = moved
     inside = (marks >= 0) & (marks < lanes.IMAGE_WIDTH_PX)
     marks = np.where(inside, marks, np.nan).astype(np.float32)
-    pixels = torch.from_numpy(np.ascontiguousarray(image)).float()
-    gain = torch.tensor(rng.uniform(0.6, 1.4) * rng.uniform(0.92, 1.08, 3), dtype=torch.float32)
-    pixels.sub_(128).mul_(rng.uniform(0.75, 1.25)).add_(128).mul_(gain)
-    return pixels.clamp_(0, 255).to(torch.uint8).numpy(), marks
+    levels = (np.arange(256) - 128) * rng.uniform(0.75, 1.25) + 128
+    gains = rng.uniform(0.6, 1.4) * rng.uniform(0.92, 1.08, 3)
+    table = (levels[None] * gains[:, None]).clip(0, 255).astype(np.uint8)
+    adjusted = Image.fromarray(np.ascontiguousarray(image)).point(table.reshape(-1).tolist())
+    return np.array(adjusted), marks
 
 
 class DetectorDataset(Dataset):

@@ -17,7 +17,7 @@ from torch.nn import functional as F
 RANGE_M = (-69.12, -12.8, -3.0, 69.12, 12.8, 1.0)
 PILLAR_M = 0.16
 NX, NY = 864, 160
-MAX_PILLARS, MAX_POINTS = 12000, 32
+MAX_PILLARS, MAX_POINTS = 20000, 32
 STRIDE = 2
 MAP_NX, MAP_NY = NX // STRIDE, NY // STRIDE
 CLASSES = ("car", "truck")
@@ -44,7 +44,7 @@ PER_CELL = len(ANCHORS) * len(ANCHOR_YAWS)
 def voxelize(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Points [N, 4] (x, y, z, reflectance) to pillars [P, 32, 9], zero padded, and coords [P].
 
-    A pillar keeps its first 32 points; pillars beyond 12000, in order of their first point, are
+    A pillar keeps its first 32 points; pillars beyond 20000, in order of their first point, are
     dropped. A coord is iy * nx + ix.
     """
     low, high = np.array(RANGE_M[:3], np.float32), np.array(RANGE_M[3:], np.float32)

@@ -260,7 +260,8 @@ impl PointPillarsSpec {
         let [x0, y0, z0, x1, y1, z1] = self.range_m;
         let ordered = x0 < x1 && y0 < y1 && z0 < z1;
         let [nx, ny] = self.grid();
-        if !ordered || !(self.pillar_m > 0.0) || nx == 0 || ny == 0 || nx * ny > 1 << 24 {
+        let sized = self.pillar_m > 0.0;
+        if !ordered || !sized || nx == 0 || ny == 0 || nx * ny > 1 << 24 {
             return Err("range_m and pillar_m make no grid".into());
         }
         if self.max_pillars == 0 || self.max_points_per_pillar == 0 || self.anchors.is_empty() {

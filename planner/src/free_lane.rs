@@ -1,4 +1,4 @@
-use covista_world::{Action, LaneIndex};
+use covista_world::LaneIndex;
 use serde::{Deserialize, Serialize};
 
 use crate::{ActionValues, Manoeuvre, Neighbour, Observation, Policy};
@@ -50,7 +50,7 @@ impl Default for FreeLaneSettings {
 /// and minus its cost; a lane two over is worth what it allows or what the passage through the
 /// next lane allows, whichever is less.
 ///
-/// While a lane change runs, its action stands for going on and [`Action::KeepLane`] for going
+/// While a lane change runs, its action stands for going on and [`covista_world::Action::KeepLane`] for going
 /// back to the old lane; going back is worth it when the new lane became slower than the old one
 /// by more than `abort_cost_s`.
 ///
@@ -159,6 +159,7 @@ fn gap_m(observation: &Observation, neighbour: &Neighbour) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use covista_world::Action;
     use proptest::prelude::*;
 
     const DESIRED_MPS: f64 = 14.0;
@@ -350,10 +351,12 @@ mod tests {
             }
             let values = FreeLane::default().values(&observation);
             let mirror = FreeLane::default().values(&mirrored(&observation));
-            prop_assert_eq!(
-                [values.keep_lane, values.change_left, values.change_right],
-                [mirror.keep_lane, mirror.change_right, mirror.change_left]
-            );
+            let swapped = ActionValues {
+                change_left: mirror.change_right,
+                change_right: mirror.change_left,
+                ..mirror
+            };
+            prop_assert_eq!(values, swapped);
         }
 
         #[test]

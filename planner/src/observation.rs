@@ -200,3 +200,119 @@ fn entered_lane(
         || (towards_next_m < CLEAR_OFFSET_M && announced_ago_s > UNDER_WAY_S);
     if has_crossed { Some(lane) } else { next }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use covista_world::{ObjectClass, ObjectState, RoadSegment, Se2Pose, Sighting};
+
+    fn lane(index: u8) -> LaneIndex {
+        LaneIndex::new(index).expect("a lane")
+    }
+
+    fn corner() -> Road {
+        let segments = [
+            RoadSegment::Straight { length_m: 50.0 },
+            RoadSegment::Arc {
+                length_m: 100.0,
+                curvature_per_m: 1.0 / 80.0,
+            },
+        ];
+        Road::new(Se2Pose::new(7.0, -4.0, 0.4), &segments, 3.5).expect("a road")
+    }
+
+    fn own_at(road: &Road, s_m: f64, d_m: f64) -> OwnMotion {
+        OwnMotion {
+            state: BicycleState {
+                pose: road.pose_from_frenet(s_m, d_m, 0.0),
+                speed_mps: 14.0,
+            },
+            dimensions: VehicleDimensions {
+                length_m: 4.6,
+                width_m: 1.9,
+                height_m: 1.5,
+                wheelbase_m: 2.7,
+                rear_overhang_m: 2.3,
+            },
+            lane: lane(0),
+            desired_speed_mps: 14.0,
+            manoeuvre: Manoeuvre::KeepingLane,
+        }
+    }
+
+    fn track_at(road: &Road, s_m: f64, d_m: f64, speed_mps: f64) -> Track {
+        let center = road.pose_from_frenet(s_m, d_m, 0.0);
+        Track {
+            id: 5,
+            station: Some(StationId(9)),
+            state: ObjectState {
+                center,
+                velocity_mps: center.forward() * speed_mps,
+                length_m: 4.6,
+                width_m: 1.9,
+                height_m: 1.5,
+                class: ObjectClass::Car,
+            },
+            time_s: 3.0,
+            position_std_m: 0.2,
+            velocity_std_mps: 0.5,
+            lane: None,
+            action: None,
+            announced_s: None,
+            sightings: vec![Sighting {
+                station: StationId(9),
+                measured_s: 2.8,
+            }],
+        }
+    }
+
+    #[test]
+    fn round_the_corner_all_is_along_the_road() {
+        let road = corner();
+        let tracks = [track_at(&road, 120.0, -3.4, 9.0)];
+        let observation =
+            Observation::new(&road, &own_at(&road, 40.0, 3.5), &tracks).expect("usable");
+        let neighbour = observation.neighbours[0];
+        assert!((observation.s_m - 40.0).abs() < 1e-6 && (observation.d_m - 3.5).abs() < 1e-6);
+        assert!((neighbour.s_m - 120.0).abs() < 1e-6 && (neighbour.d_m + 3.4).abs() < 1e-6);
+        assert!((neighbour.speed_mps - 9.0).abs() < 1e-6);
+        assert!((neighbour.age_s - 0.2).abs() < 1e-9);
+        assert_eq!(neighbour.lane, Some(lane(2)));
+    }
+
+    #[test]
+    fn vision_goes_before_geometry() {
+        let road = corner();
+        let mut track = track_at(&road, 120.0, -1.9, 9.0);
+        track.lane = LaneIndex::new(1);
+        let own = own_at(&road, 40.0, 3.5);
+        let seen = Observation::new(&road, &own, &[track]).expect("usable");
+        assert_eq!(seen.neighbours[0].lane, Some(lane(1)));
+    }
+
+    #[test]
+    fn the_lane_entered_does_not_move_on_with_the_vehicle() {
+        let entered = |lane_index, offset_m, ago_s| {
+            entered_lane(lane(lane_index), offset_m, Action::ChangeLeft, ago_s)
+        };
+        assert_eq!(entered(2, 0.0, 0.0), Some(lane(1)));
+        assert_eq!(entered(2, 1.5, 2.0), Some(lane(1)));
+        assert_eq!(entered(1, -1.5, 3.0), Some(lane(1)));
+        assert_eq!(entered(1, -0.1, 4.5), Some(lane(1)));
+        assert_eq!(entered(0, 0.0, 0.0), None);
+        assert_eq!(entered_lane(lane(1), 0.0, Action::KeepLane, 0.0), None);
+    }
+
+    #[test]
+    fn what_is_not_finite_is_named() {
+        let road = corner();
+        let mut own = own_at(&road, 40.0, 3.5);
+        let mut track = track_at(&road, 120.0, 0.0, 9.0);
+        track.state.center.x_m = f64::NAN;
+        let error = Observation::new(&road, &own, &[track]).expect_err("refused");
+        assert!(error.to_string().starts_with("track 5 has"));
+        own.desired_speed_mps = f64::INFINITY;
+        let error = Observation::new(&road, &own, &[]).expect_err("refused");
+        assert_eq!(error, InvalidObservation::OwnState);
+    }
+}

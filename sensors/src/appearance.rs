@@ -6,6 +6,10 @@ use crate::noise::{octaves, uniform};
 pub(crate) type Rgb = Vector3<f32>;
 
 const SKY_SPECULAR: f32 = 0.04;
+/// Wavelengths in radians and heights (as z of a unit vector) of the far skyline.
+const SKYLINE_BANDS: [(f64, f32); 4] = [(0.5, 0.020), (0.12, 0.010), (0.03, 0.006), (0.008, 0.003)];
+/// No skyline reaches higher.
+const SKYLINE_TOP: f32 = 0.062;
 
 /// Sun, sky and haze of a scene: radiances relative to a white surface in full sunlight.
 pub(crate) struct Light {
@@ -48,7 +52,12 @@ impl Light {
 
     /// Irradiance of level ground in the open.
     pub(crate) fn open_ground(&self) -> Rgb {
-        self.sun * self.sun_direction.z.max(0.0) + self.sky
+        self.on_ground(1.0, 1.0)
+    }
+
+    /// Irradiance of level ground that this share of the sun and of the sky reaches.
+    pub(crate) fn on_ground(&self, sunlit: f32, openness: f32) -> Rgb {
+        self.sun * (self.sun_direction.z.max(0.0) * sunlit) + self.sky * openness
     }
 
     /// Sky without clouds, or the ground's glow below the horizon; for reflections too.
@@ -67,34 +76,36 @@ impl Light {
 
     /// The sky with clouds and a line of far woods and hills.
     pub(crate) fn sky(&self, direction: &Vector3<f32>) -> Rgb {
+        let clear = self.backdrop(direction) + self.sun_glow(direction);
+        let clouds = self.sky * 0.9 + self.sun * 0.75;
+        let color = clear.lerp(&clouds, self.cloud_share(direction));
+        if direction.z > SKYLINE_TOP {
+            return color;
+        }
         let azimuth = f64::from(direction.y.atan2(direction.x));
-        let bands = [(0.5, 0.020), (0.12, 0.010), (0.03, 0.006), (0.008, 0.003)];
-        let skyline = 0.022 + octaves(self.seed, azimuth + 9.0, 0.5, 1e-6, &bands);
-        let mut color = self.backdrop(direction) + self.sun_glow(direction);
+        let skyline = 0.022 + octaves(self.seed, azimuth + 9.0, 0.5, 1e-6, &SKYLINE_BANDS);
+        let share = ((skyline - direction.z) / 0.0015).clamp(0.0, 1.0);
+        if share > 0.0 {
+            color.lerp(&self.woods(azimuth, f64::from(direction.z)), share)
+        } else {
+            color
+        }
+    }
+
+    fn cloud_share(&self, direction: &Vector3<f32>) -> f32 {
         let height = direction.z + 0.12;
         let (x, y) = (direction.x / height, direction.y / height);
         let bands = [(1.6, 0.55), (0.7, 0.3), (0.3, 0.18), (0.13, 0.1)];
         let billow = octaves(self.seed ^ 77, f64::from(x), f64::from(y), 1e-6, &bands);
-        let cloud = (billow + 1.3 * self.cloud_cover - 0.75).clamp(0.0, 0.8);
-        let lit = self.sky * 0.9 + self.sun * 0.75;
-        color = color.lerp(&lit, cloud);
-        let above = ((skyline - direction.z) / 0.0015).clamp(0.0, 1.0);
-        if above > 0.0 {
-            let leaf = octaves(
-                self.seed ^ 5,
-                azimuth,
-                f64::from(direction.z),
-                1e-6,
-                &[(0.012, 0.3), (0.004, 0.3)],
-            );
-            let woods = self
-                .open_ground()
-                .component_mul(&Rgb::new(0.045, 0.065, 0.04));
-            let far = (woods * (1.0 + leaf)).lerp(&self.horizon, 0.35);
-            let far = self.through_haze(far, 600.0);
-            color = color.lerp(&far, above);
-        }
-        color
+        (billow + 1.3 * self.cloud_cover - 0.75).clamp(0.0, 0.8)
+    }
+
+    fn woods(&self, azimuth: f64, height: f64) -> Rgb {
+        let bands = [(0.012, 0.3), (0.004, 0.3)];
+        let leaves = octaves(self.seed ^ 5, azimuth, height, 1e-6, &bands);
+        let green = Rgb::new(0.045, 0.065, 0.04);
+        let near = self.open_ground().component_mul(&green) * (1.0 + leaves);
+        self.through_haze(near.lerp(&self.horizon, 0.35), 600.0)
     }
 
     /// The colour after `distance_m` of haze.

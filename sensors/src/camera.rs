@@ -1,6 +1,6 @@
-use covista_traffic::{Material, Scene, SceneVehicle, VehicleId};
-use covista_world::{CameraImage, Se2Pose};
-use nalgebra::{Isometry3, Point3, Vector2, Vector3};
+use covista_traffic::{Material, SceneVehicle};
+use covista_world::CameraImage;
+use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::appearance::{Light, Rgb};
@@ -9,6 +9,7 @@ use crate::exposure::Radiance;
 use crate::ground::GroundRow;
 use crate::noise::{octaves, uniform};
 use crate::pavement::Pavement;
+use crate::shadow::{Contact, on_ground, shadow_line};
 use crate::silhouette::Silhouette;
 use crate::viewpoint::Viewpoint;
 
@@ -17,13 +18,6 @@ const INSIDE_M: f32 = 0.02;
 const LEAVES_SEED: u32 = 0x1EAF;
 const FAR_M: f32 = 600.0;
 const SHADOW_REACH_M: f32 = 80.0;
-/// The lowest sun whose shadows are drawn at full length.
-const LOWEST_SUN: f64 = 0.1;
-/// How far from a vehicle the ground is visibly darker.
-const CONTACT_REACH_M: f64 = 1.0;
-/// Image rows between the rows of a pixel at which the edges of shadows are sampled.
-const SUB_ROWS: [f64; 3] = [-0.33, 0.0, 0.33];
-
 /// The picture that the camera of `view` takes; `seed` is that of the sensor's noise.
 pub fn take_picture(view: &Viewpoint, seed: u64) -> CameraImage {
     let picture = Picture::new(view);
@@ -58,128 +52,91 @@ struct Picture<'a> {
     pavement: Pavement,
     solids: Vec<Silhouette>,
     shadows: Vec<Silhouette>,
-    contacts: Vec<Contact>,
-}
-
-/// The darker ground about a vehicle.
-struct Contact {
-    hull: Silhouette,
-    center: Se2Pose,
-    half_size_m: Vector2<f64>,
+    contacts: Vec<(Silhouette, Contact)>,
 }
 
 impl<'a> Picture<'a> {
     fn new(view: &'a Viewpoint<'a>) -> Self {
-        let (scene, ego) = (view.scene, view.ego.id);
-        let intrinsics = view.calibration.intrinsics;
+        let scene = view.scene;
         let world_from_camera = view.world_from_camera();
         let camera_from_world = world_from_camera.inverse();
-        let silhouette_of = |points: &[Point3<f64>]| {
+        let silhouette = |points: &[Point3<f64>]| {
             let seen: Vec<_> = points.iter().map(|p| camera_from_world * p).collect();
-            Silhouette::new(&intrinsics, &seen)
+            Silhouette::new(&view.calibration.intrinsics, &seen)
         };
-        let parts: Vec<(bool, Vec<Point3<f64>>)> = world_parts(scene, ego).collect();
-        let solids = parts
-            .iter()
-            .filter(|(is_ego, _)| !is_ego)
-            .filter_map(|(_, part)| silhouette_of(part))
-            .collect();
-        let sun = scene.look.sun_direction;
+        let others = view.others().flat_map(vehicle_parts);
+        let own = vehicle_parts(view.ego);
+        let still = scene.scenery.iter().flat_map(|body| &body.parts);
+        let still = still.map(|part| part.vertices.clone());
+        let parts: Vec<_> = others.chain(still).collect();
+        let sun = &scene.look.sun_direction;
         let casts = scene.look.direct_light > 0.01 && sun.z > 0.0;
-        let on_ground = |p: &Point3<f64>| p - sun * (p.z.max(0.0) / sun.z.max(LOWEST_SUN));
-        let shadows = parts
-            .iter()
+        let shadows = own
+            .chain(parts.iter().cloned())
             .filter(|_| casts)
-            .filter_map(|(_, part)| silhouette_of(&part.iter().map(on_ground).collect::<Vec<_>>()))
-            .collect();
-        let contacts = scene
-            .vehicles
-            .iter()
-            .filter_map(|vehicle| {
-                let (center, half_size_m, corners) = contact_patch(vehicle);
-                silhouette_of(&corners).map(|hull| Contact {
-                    hull,
-                    center,
-                    half_size_m,
-                })
-            })
-            .collect();
+            .filter_map(|part| silhouette(&on_ground(&part, sun)));
+        let contacts = scene.vehicles.iter().map(Contact::new);
         Self {
             view,
             world_from_camera,
             light: Light::new(&scene.look),
             pavement: Pavement::new(&scene.road, &scene.look),
-            solids,
-            shadows,
-            contacts,
+            shadows: shadows.collect(),
+            solids: parts.iter().filter_map(|part| silhouette(part)).collect(),
+            contacts: contacts
+                .filter_map(|contact| Some((silhouette(&contact.corners())?, contact)))
+                .collect(),
         }
     }
 
     fn render_row(&self, v: f64, line: &mut [Rgb]) {
-        let Viewpoint {
-            scene,
-            rays,
-            ego,
-            calibration,
-        } = *self.view;
-        let intrinsics = calibration.intrinsics;
-        let eye = Point3::from(self.world_from_camera.translation.vector);
-        let eye32 = eye.cast::<f32>();
+        let intrinsics = &self.view.calibration.intrinsics;
+        let road = &self.view.scene.road;
+        let eye = Point3::from(self.world_from_camera.translation.vector).cast::<f32>();
         let solid = self.solid_pixels(v, line.len());
-        let shadow = self.shadow_line(v, line.len());
+        let shadow = shadow_line(&self.shadows, v, line.len());
         let contacts: Vec<_> = self
             .contacts
             .iter()
-            .filter_map(|contact| contact.hull.span_within(v, 0.5).map(|span| (span, contact)))
+            .filter_map(|(outline, contact)| Some((outline.span_within(v, 0.5)?, contact)))
             .collect();
-        let ground = GroundRow::new(&intrinsics, &self.world_from_camera, &scene.road, v);
+        let ground = GroundRow::new(intrinsics, &self.world_from_camera, road, v);
         for (column, pixel) in line.iter_mut().enumerate() {
             let u = column as f64;
-            let direction = self.world_from_camera.rotation * intrinsics.ray(u, v).normalize();
-            let direction32 = direction.cast::<f32>();
-            let to_ground_m = ground.distance_m(&direction);
-            let reach_m = to_ground_m.map_or(FAR_M, |distance| FAR_M.min(distance as f32));
-            let hit = solid[column]
-                .then(|| self.first_hit(&eye32, &direction32, reach_m))
-                .flatten();
-            *pixel = if let Some(hit) = hit {
-                let point = eye32 + direction32 * hit.distance_m;
-                let footprint_m = hit.distance_m / intrinsics.fx_px as f32;
-                let sunlit = self.sunlit(&point, &hit.normal);
-                let color = self.light.surface(
-                    hit.material,
-                    &point,
-                    &hit.normal,
-                    &direction32,
-                    sunlit,
-                    footprint_m,
-                );
+            let ray = self.world_from_camera.rotation * intrinsics.ray(u, v).normalize();
+            let to_ground_m = ground.distance_m(&ray).map(|distance| distance as f32);
+            let ray = ray.cast::<f32>();
+            let reach_m = to_ground_m.map_or(FAR_M, |distance| FAR_M.min(distance));
+            let hit = solid[column].then(|| self.first_hit(&eye, &ray, reach_m));
+            *pixel = if let Some(hit) = hit.flatten() {
+                let color = self.object(&hit, &(eye + ray * hit.distance_m), &ray);
                 self.light.through_haze(color, hit.distance_m)
             } else if let (Some(distance_m), Some(patch)) =
-                (to_ground_m, ground.patch(u, column, &scene.road))
+                (to_ground_m, ground.patch(u, column, road))
             {
-                let dark = contacts
+                let openness = contacts
                     .iter()
-                    .filter(|((from, to), _)| u >= *from && u <= *to)
+                    .filter(|((from, to), _)| (*from..=*to).contains(&u))
                     .map(|(_, contact)| contact.openness(patch.position))
                     .fold(1.0, f32::min);
-                let light = self.light.sun * (self.light.sun_direction.z * (1.0 - shadow[column]))
-                    + self.light.sky * dark;
+                let light = self.light.on_ground(1.0 - shadow[column], openness);
                 let color = self.pavement.albedo(&patch).component_mul(&light);
-                self.light.through_haze(color, distance_m as f32)
+                self.light.through_haze(color, distance_m)
             } else {
-                self.light.sky(&direction32)
+                self.light.sky(&ray)
             };
         }
     }
 
+    fn object(&self, hit: &Hit, point: &Point3<f32>, ray: &Vector3<f32>) -> Rgb {
+        let footprint_m = hit.distance_m / self.view.calibration.intrinsics.fx_px as f32;
+        let sunlit = self.sunlit(point, &hit.normal);
+        self.light
+            .surface(hit.material, point, &hit.normal, ray, sunlit, footprint_m)
+    }
+
     /// The first surface along the ray; crowns have gaps between their leaves.
-    fn first_hit(
-        &self,
-        eye: &Point3<f32>,
-        direction: &Vector3<f32>,
-        reach_m: f32,
-    ) -> Option<Hit> {
+    fn first_hit(&self, eye: &Point3<f32>, direction: &Vector3<f32>, reach_m: f32) -> Option<Hit> {
         let Viewpoint { rays, ego, .. } = *self.view;
         let hit = rays.cast(eye, direction, reach_m, Some(ego.id))?;
         let point = eye + direction * hit.distance_m;
@@ -213,33 +170,14 @@ impl<'a> Picture<'a> {
         solid
     }
 
-    /// Share of each pixel of the row that lies in shadow, were it ground.
-    fn shadow_line(&self, v: f64, width: usize) -> Vec<f32> {
-        let mut line = vec![0.0; width];
-        let mut sub_row = vec![0.0_f32; width];
-        for offset in SUB_ROWS {
-            sub_row.fill(0.0);
-            for (from, to) in self.shadows.iter().filter_map(|hull| hull.span(v + offset)) {
-                let first = (from - 0.5).max(0.0) as usize;
-                let end = ((to + 1.5).max(0.0) as usize).min(width);
-                for (column, share) in sub_row.iter_mut().enumerate().take(end).skip(first) {
-                    let u = column as f64;
-                    let overlap = to.min(u + 0.5) - from.max(u - 0.5);
-                    *share += overlap.clamp(0.0, 1.0) as f32;
-                }
-            }
-            for (sum, share) in line.iter_mut().zip(&sub_row) {
-                *sum += share.min(1.0) / SUB_ROWS.len() as f32;
-            }
-        }
-        line
-    }
-
     fn sunlit(&self, point: &Point3<f32>, normal: &Vector3<f32>) -> f32 {
         let sun = &self.light.sun_direction;
         let lit = self.light.sun.x > 0.01
             && normal.dot(sun) > 0.0
-            && !self.view.rays.occluded(&(point + normal * 0.02), sun, SHADOW_REACH_M, None);
+            && !self
+                .view
+                .rays
+                .occluded(&(point + normal * 0.02), sun, SHADOW_REACH_M, None);
         if lit { 1.0 } else { 0.0 }
     }
 }
@@ -249,48 +187,113 @@ fn is_leaf_gap(point: &Point3<f32>, normal: &Vector3<f32>, direction: &Vector3<f
     let p = point.cast::<f64>();
     let bands = [(0.9, 0.5), (0.35, 0.4), (0.12, 0.3)];
     let thickness = octaves(LEAVES_SEED, p.x + 0.7 * p.y, p.z - 0.4 * p.y, 0.01, &bands);
-    thickness > 0.15 + 1.2 * normal.dot(direction).abs()
+    thickness > 0.9 * normal.dot(direction).abs() - 0.15
 }
 
-impl Contact {
-    /// Share of the sky that the ground at `position` sees.
-    fn openness(&self, position: Vector2<f64>) -> f32 {
-        let local = self.center.inverse_transform(position);
-        let outside = (local.abs() - self.half_size_m)
-            .sup(&Vector2::zeros())
-            .norm();
-        let inside = (self.half_size_m - local.abs()).min().clamp(0.0, 0.5);
-        let fade = (1.0 - outside / CONTACT_REACH_M).max(0.0);
-        (1.0 - 0.6 * fade * fade - 0.7 * inside) as f32
+/// The convex parts of a vehicle in the world frame.
+fn vehicle_parts(vehicle: &SceneVehicle) -> impl Iterator<Item = Vec<Point3<f64>>> {
+    let pose = vehicle.state.pose.to_isometry();
+    let parts = vehicle.model.body().parts.iter();
+    parts.map(move |part| part.vertices.iter().map(|p| pose * p).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use covista_traffic::{Scene, VehicleId, VehicleModel, sample_scene};
+    use covista_world::{Calibration, ROW_ANCHORS, Se2Pose};
+
+    use super::*;
+    use crate::testing::{EGO, empty_road, vehicle};
+    use crate::{RayScene, true_marks};
+
+    fn with_view<T>(scene: &Scene, ego: VehicleId, look: impl FnOnce(&Viewpoint) -> T) -> T {
+        let (rays, calibration) = (RayScene::new(scene), Calibration::kitti());
+        look(&Viewpoint::new(scene, &rays, ego, &calibration).expect("the ego"))
     }
-}
 
-/// All convex parts of the scene in the world frame, with whether they are the ego vehicle's.
-fn world_parts(scene: &Scene, ego: VehicleId) -> impl Iterator<Item = (bool, Vec<Point3<f64>>)> {
-    let vehicles = scene.vehicles.iter().flat_map(move |vehicle| {
-        let pose = vehicle.state.pose.to_isometry();
-        vehicle.model.body().parts.iter().map(move |part| {
-            let vertices = part.vertices.iter().map(|p| pose * p).collect();
-            (vehicle.id == ego, vertices)
+    fn radiance(scene: &Scene, ego: VehicleId, row: f64) -> Vec<Rgb> {
+        with_view(scene, ego, |view| {
+            let mut line = vec![Rgb::zeros(); 1242];
+            Picture::new(view).render_row(row, &mut line);
+            line
         })
-    });
-    let scenery = scene
-        .scenery
-        .iter()
-        .flat_map(|body| &body.parts)
-        .map(|part| (false, part.vertices.clone()));
-    vehicles.chain(scenery)
-}
+    }
 
-/// A vehicle's centre, half its size, and the corners of the ground about it in the world.
-fn contact_patch(vehicle: &SceneVehicle) -> (Se2Pose, Vector2<f64>, [Point3<f64>; 4]) {
-    let dimensions = vehicle.dimensions();
-    let center = dimensions.center_pose(vehicle.state.pose);
-    let half = Vector2::new(dimensions.length_m, dimensions.width_m) / 2.0;
-    let reach = half.add_scalar(CONTACT_REACH_M);
-    let corners = [(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)].map(|(x, y)| {
-        let corner = center.transform(Vector2::new(x * reach.x, y * reach.y));
-        Point3::new(corner.x, corner.y, 0.0)
-    });
-    (center, half, corners)
+    #[test]
+    fn edge_lines_are_painted_where_the_labels_are() {
+        let mut scene = empty_road();
+        scene.look.paint_wear = 0.0;
+        let marks = with_view(&scene, EGO, true_marks);
+        let mut compared = 0;
+        for (anchor, v) in ROW_ANCHORS.iter().enumerate().map(|(i, row)| (i, row.0)) {
+            let line = radiance(&scene, EGO, f64::from(v));
+            for mark in [0, 3] {
+                let Some(u) = marks.pixels[mark][anchor] else {
+                    continue;
+                };
+                // Half as wide again as the paint, so that its ends are bare asphalt.
+                let reach = 3 + (v as i32 - 172) / 14;
+                let around = u.round() as i32 - reach..=u.round() as i32 + reach;
+                if *around.start() < 0 || *around.end() >= line.len() as i32 {
+                    continue;
+                }
+                let light = |i: i32| f64::from(line[i as usize].x);
+                let bare = light(*around.start()).max(light(*around.end()));
+                let weight = |i: i32| (light(i) - bare).max(0.0);
+                let sum: f64 = around.clone().map(weight).sum();
+                let center = around.map(|i| weight(i) * f64::from(i)).sum::<f64>() / sum;
+                assert!(
+                    (center - f64::from(u)).abs() < 0.6,
+                    "{mark} {v}: {center} {u}"
+                );
+                compared += 1;
+            }
+        }
+        assert!(compared > 25, "{compared}");
+    }
+
+    #[test]
+    fn the_same_seed_gives_the_same_bytes_on_any_number_of_threads() {
+        let sample = sample_scene(3, 1);
+        let on_threads = |count, seed| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(count).build();
+            pool.expect("a pool")
+                .install(|| with_view(&sample.scene, sample.ego, |view| take_picture(view, seed)))
+        };
+        let picture = on_threads(1, 8);
+        assert_eq!(picture.rgb.len(), 3 * 1242 * 375);
+        assert!(picture == on_threads(2, 8));
+        assert!(picture != on_threads(2, 9));
+    }
+
+    #[test]
+    fn no_light_gives_a_colour_that_is_no_number() {
+        for (index, (height, haze)) in [(0.0, 0.0), (-0.2, 0.01), (1.0, 0.0)].iter().enumerate() {
+            let mut sample = sample_scene(4, index as u64);
+            sample.scene.look.sun_direction = Vector3::new(0.3, 0.1, *height);
+            sample.scene.look.haze_per_m = *haze;
+            for row in [0, 150, 172, 173, 200, 374] {
+                let line = radiance(&sample.scene, sample.ego, f64::from(row));
+                let sane = |color: &Rgb| color.iter().all(|x| x.is_finite() && *x >= 0.0);
+                assert!(line.iter().all(sane), "{index} {row}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_vehicle_ahead_throws_its_shadow_away_from_the_sun() {
+        let mut scene = empty_road();
+        scene.look.sun_direction = Vector3::new(0.0, -1.0, 1.0).normalize();
+        let bare = radiance(&scene, EGO, 230.0);
+        // The row sees the ground 20.8 m ahead of the camera.
+        let pose = Se2Pose::new(20.7, 0.0, 0.0);
+        scene
+            .vehicles
+            .push(vehicle(VehicleId(1), VehicleModel::Van, pose));
+        let line = radiance(&scene, EGO, 230.0);
+        let column = |left_m: f64| (609.56 - left_m * 721.54 / 20.83) as usize;
+        let kept = |left_m: f64| line[column(left_m)].x / bare[column(left_m)].x;
+        assert!(kept(2.2) < 0.6, "{}", kept(2.2));
+        assert!((kept(-2.2) - 1.0).abs() < 1e-6 && (kept(5.0) - 1.0).abs() < 1e-6);
+    }
 }

@@ -245,12 +245,19 @@ impl<'a> Generator<'a> {
             .filter(|truth| truth.center_m.xy().norm() <= LABEL_RANGE_M)
             .map(|truth| format!("{}\n", KittiLabel::new(truth, &self.calibration)))
             .collect();
-        let lanes = tusimple_line(&format!("image_2/{frame:06}.png"), &true_marks(&view).pixels)
-            .map_err(encoding(frame))?;
+        let lanes = tusimple_line(
+            &format!("image_2/{frame:06}.png"),
+            &true_marks(&view).pixels,
+        )
+        .map_err(encoding(frame))?;
         Ok([
             ("velodyne", "bin", cloud_bytes(&cloud)),
             ("image_2", "png", png(&image).map_err(encoding(frame))?),
-            ("calib", "txt", calibration_text(&self.calibration).into_bytes()),
+            (
+                "calib",
+                "txt",
+                calibration_text(&self.calibration).into_bytes(),
+            ),
             ("label_2", "txt", labels.into_bytes()),
             (LANES_FOLDER, "json", (lanes + "\n").into_bytes()),
         ])
@@ -341,7 +348,9 @@ mod tests {
                 .expect("a data set");
             let files = contents(&out).into_iter();
             files
-                .map(|(path, content)| (path.strip_prefix(&out).expect("inside").to_owned(), content))
+                .map(|(path, content)| {
+                    (path.strip_prefix(&out).expect("inside").to_owned(), content)
+                })
                 .collect::<Vec<_>>()
         };
         let one = write("one", 1);
@@ -361,8 +370,12 @@ mod tests {
         let val = spec(root.path(), Split::Val);
         let scene = |spec| sample_scene(Generator::new(spec).scene_seed, 0).scene;
         assert_ne!(format!("{:?}", scene(&train)), format!("{:?}", scene(&val)));
-        Generator::new(&train).claim_folder().expect("an empty folder");
-        let message = write_dataset(&val, |_, _| ()).expect_err("refused").to_string();
+        Generator::new(&train)
+            .claim_folder()
+            .expect("an empty folder");
+        let message = write_dataset(&val, |_, _| ())
+            .expect_err("refused")
+            .to_string();
         assert!(message.contains("choose another folder"), "{message}");
         assert!(Generator::new(&train).claim_folder().is_ok());
     }

@@ -18,6 +18,7 @@ mod lidar;
 mod marks;
 mod noise;
 mod pavement;
+mod shadow;
 mod silhouette;
 #[cfg(test)]
 mod testing;

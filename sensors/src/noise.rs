@@ -13,12 +13,17 @@ pub(crate) fn uniform(seed: u32, x: i32, y: i32) -> f32 {
     (hash(seed, x, y) >> 8) as f32 / (1 << 24) as f32
 }
 
+/// Much faster than `f64::floor` on a machine's baseline instructions.
+fn floor(x: f64) -> i32 {
+    let towards_zero = x as i32;
+    towards_zero.wrapping_sub(i32::from(f64::from(towards_zero) > x))
+}
+
 /// Smooth noise in [-1, 1] with features of size one.
 pub(crate) fn value_noise(seed: u32, x: f64, y: f64) -> f32 {
-    let (x0, y0) = (x.floor(), y.floor());
+    let (ix, iy) = (floor(x), floor(y));
     let smooth = |t: f64| (t * t * (3.0 - 2.0 * t)) as f32;
-    let (tx, ty) = (smooth(x - x0), smooth(y - y0));
-    let (ix, iy) = (x0 as i32, y0 as i32);
+    let (tx, ty) = (smooth(x - f64::from(ix)), smooth(y - f64::from(iy)));
     let corner = |dx: i32, dy: i32| uniform(seed, ix.wrapping_add(dx), iy.wrapping_add(dy));
     let lower = corner(0, 0) + tx * (corner(1, 0) - corner(0, 0));
     let upper = corner(0, 1) + tx * (corner(1, 1) - corner(0, 1));

@@ -9,6 +9,8 @@ pub(crate) const PAINT_WIDTH_M: f64 = 0.15;
 const DASH_M: f64 = 3.0;
 const DASH_PERIOD_M: f64 = 12.0;
 const GRAVEL_M: f64 = 0.5;
+/// Largest deviation of the ragged edges where gravel and grass begin.
+const RAGGED_M: f64 = 0.18;
 
 /// What one pixel sees of the ground.
 #[derive(Debug, Clone, Copy)]
@@ -68,47 +70,39 @@ impl Pavement {
 
     /// Diffuse albedo of a patch of the ground.
     pub(crate) fn albedo(&self, patch: &GroundPatch) -> Vector3<f32> {
-        let [left_edge, right_edge] = [self.marks_m[0], self.marks_m[MARK_COUNT - 1]];
         let footprint_m = (patch.spread_s_m * patch.spread_d_m).sqrt();
-        let GroundPatch {
-            position: p, d_m, ..
-        } = *patch;
-        // Ragged edges where gravel and grass begin.
-        let ragged = 0.15
-            * f64::from(octaves(
-                self.seed ^ 31,
-                p.x,
-                p.y,
-                footprint_m,
-                &[(2.0, 0.7), (0.4, 0.5)],
-            ));
-        let beyond_m = if d_m > 0.0 {
-            d_m - left_edge - self.shoulders_m[0]
-        } else {
-            right_edge - d_m - self.shoulders_m[1]
-        } + ragged;
-        let share_beyond = |edge_m: f64| {
-            ((beyond_m - edge_m) / patch.spread_d_m.max(0.05) + 0.5).clamp(0.0, 1.0) as f32
-        };
+        let blur_m = patch.spread_d_m.max(0.05);
+        let mut beyond_m = self.beyond_shoulder_m(patch.d_m);
+        if beyond_m < -RAGGED_M - 0.5 * blur_m {
+            return self.paved(patch, footprint_m);
+        }
+        if beyond_m > GRAVEL_M + RAGGED_M + 0.5 * blur_m {
+            return self.meadow(patch, footprint_m);
+        }
+        let p = patch.position;
+        let bands = [(2.0, 0.105), (0.4, 0.075)];
+        beyond_m += f64::from(octaves(self.seed ^ 31, p.x, p.y, footprint_m, &bands));
+        let share_beyond =
+            |edge_m: f64| ((beyond_m - edge_m) / blur_m + 0.5).clamp(0.0, 1.0) as f32;
         let (unpaved, green) = (share_beyond(0.0), share_beyond(GRAVEL_M));
-        let mut color = Vector3::zeros();
-        if unpaved < 1.0 {
-            color += (1.0 - unpaved) * self.paved(patch, footprint_m);
-        }
-        if unpaved > green {
-            let grain = octaves(
-                self.seed ^ 41,
-                p.x,
-                p.y,
-                footprint_m,
-                &[(0.05, 0.3), (0.3, 0.2)],
-            );
-            color += (unpaved - green) * Vector3::new(0.21, 0.19, 0.16) * (1.0 + grain);
-        }
-        if green > 0.0 {
-            color += green * self.meadow(patch, footprint_m);
-        }
-        color
+        self.paved(patch, footprint_m) * (1.0 - unpaved)
+            + self.gravel(patch, footprint_m) * (unpaved - green)
+            + self.meadow(patch, footprint_m) * green
+    }
+
+    /// How far `d_m` lies outside of the paved shoulders.
+    fn beyond_shoulder_m(&self, d_m: f64) -> f64 {
+        let [left_m, right_m] = self.shoulders_m;
+        let left_edge_m = self.marks_m[0] + left_m;
+        let right_edge_m = self.marks_m[MARK_COUNT - 1] - right_m;
+        (d_m - left_edge_m).max(right_edge_m - d_m)
+    }
+
+    fn gravel(&self, patch: &GroundPatch, footprint_m: f64) -> Vector3<f32> {
+        let p = patch.position;
+        let bands = [(0.05, 0.3), (0.3, 0.2)];
+        let grain = octaves(self.seed ^ 41, p.x, p.y, footprint_m, &bands);
+        Vector3::new(0.21, 0.19, 0.16) * (1.0 + grain)
     }
 
     fn meadow(&self, patch: &GroundPatch, footprint_m: f64) -> Vector3<f32> {
@@ -157,10 +151,7 @@ impl Pavement {
     /// Brightness of bare asphalt about one.
     fn asphalt_shade(&self, patch: &GroundPatch, footprint_m: f64) -> f32 {
         let GroundPatch {
-            position: p,
-
-            d_m,
-            ..
+            position: p, d_m, ..
         } = *patch;
         let bands = [
             (0.03, 0.22),

@@ -60,10 +60,11 @@ impl Silhouette {
         for (i, a) in self.corners.iter().enumerate() {
             let b = self.corners[(i + 1) % self.corners.len()];
             if (a.y - v) * (b.y - v) <= 0.0 {
-                let share = if a.y == b.y {
-                    0.0
+                let rise = b.y - a.y;
+                let share = if rise.abs() > 0.0 {
+                    (v - a.y) / rise
                 } else {
-                    (v - a.y) / (b.y - a.y)
+                    0.0
                 };
                 let u = a.x + share * (b.x - a.x);
                 let (from, to) = span.unwrap_or((u, u));

@@ -38,7 +38,7 @@ mod tests {
     #[test]
     fn a_line_is_tusimples_json() {
         let mut pixels = [[None; ROW_ANCHORS.len()]; MARK_COUNT];
-        pixels[1][27] = Some(512.345);
+        pixels[1][27] = Some(512.3456);
         let line = tusimple_line("image_2/000000.png", &pixels).unwrap();
         assert!(!line.contains('\n'));
         let json: serde_json::Value = serde_json::from_str(&line).unwrap();

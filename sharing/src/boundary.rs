@@ -12,7 +12,7 @@ pub struct ReceptionCounts {
     pub invalid: u64,
     /// Messages, or objects in them, from after now.
     pub future: u64,
-    /// Messages older than [`TrackerSettings::oldest_message_s`].
+    /// Messages older than [`crate::TrackerSettings::oldest_message_s`].
     pub stale: u64,
     /// Own percepts with a number that is not finite or a body without size.
     pub invalid_percepts: u64,

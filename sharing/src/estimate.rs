@@ -8,6 +8,8 @@ const REORDER_S: f64 = 2.0;
 /// Consecutive measurements consistent with standstill that make an object a standing one.
 const STANDING_HITS: u32 = 2;
 const STANDSTILL_STD_MPS: f64 = 0.2;
+/// Below this standard deviation, each axis, a velocity is known at all.
+const KNOWN_VELOCITY_STD_MPS: f64 = 2.0;
 /// chi-squared, two degrees of freedom, 95 %.
 const CONSISTENT: f64 = 5.99;
 /// A standing object's position grows uncertain by this much a second.
@@ -74,8 +76,10 @@ impl Belief {
             .filter
             .predicted(z.time_s, settings.process_noise_m2ps3)
             .with_position(z.position, z.position_std_m);
+        // Stations that measure at the same time tell nothing of the motion.
+        let later = u32::from(z.time_s > self.filter.time_s);
         let standing_hits = if may_stand(&filter, settings) {
-            self.standing_hits.saturating_add(1)
+            self.standing_hits.saturating_add(later)
         } else {
             0
         };
@@ -123,12 +127,15 @@ impl Belief {
     }
 }
 
+/// Whether the velocity is known, small, and consistent with zero.
 fn may_stand(filter: &KalmanFilter, settings: &TrackerSettings) -> bool {
     let velocity = filter.velocity();
-    let Some(information) = filter.velocity_covariance().try_inverse() else {
+    let covariance = filter.velocity_covariance();
+    let Some(information) = covariance.try_inverse() else {
         return false;
     };
-    velocity.norm() < settings.standing_speed_mps
+    covariance.trace() < 2.0 * KNOWN_VELOCITY_STD_MPS.powi(2)
+        && velocity.norm() < settings.standing_speed_mps
         && velocity.dot(&(information * velocity)) < CONSISTENT
 }
 
@@ -328,6 +335,17 @@ mod tests {
         assert!(!estimate.belief().stands());
         let speed = estimate.belief().filter.velocity().x;
         assert!((speed - 5.0).abs() < 1.2, "{speed}");
+    }
+
+    #[test]
+    fn seen_by_several_at_once_is_not_seen_to_stand() {
+        let settings = TrackerSettings::default();
+        let mut estimate = Estimate::new(at(0.0, 1, 0.0, 0.0), &settings);
+        for station in 2..6 {
+            estimate.add(at(0.0, station, 0.1, 0.0), &settings);
+        }
+        assert!(!estimate.belief().stands());
+        assert!(estimate.belief().velocity_std_mps() > 5.0);
     }
 
     #[test]

@@ -162,7 +162,10 @@ impl Tracker {
     }
 
     /// The message to broadcast: own state and the objects that own sensors saw.
-    pub fn message(&self, now_s: f64, own: &OwnState) -> CollectivePerceptionMessage {
+    ///
+    /// The tracker remembers the pose, to recognise its own vehicle in what others report.
+    pub fn message(&mut self, now_s: f64, own: &OwnState) -> CollectivePerceptionMessage {
+        self.own_path.push(now_s, own.pose, own.speed_mps);
         CollectivePerceptionMessage {
             station: self.own,
             time_s: now_s,

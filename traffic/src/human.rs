@@ -15,6 +15,8 @@ const LANE_CHANGE_MIN_M: f64 = 10.0;
 const PULL_OUT_GAP_M: f64 = 3.5;
 /// Extra room kept behind a standing vehicle, to be able to pull out.
 const PULL_OUT_ROOM_M: f64 = 6.0;
+/// Jam distance to what is being pulled out from behind.
+const CHANGING_GAP_M: f64 = 0.5;
 /// A leader below this share of the desired speed holds a driver up clearly.
 const HELD_UP_SHARE: f64 = 0.35;
 /// Gain in acceleration that is worth a lane change (MOBIL's threshold).
@@ -106,16 +108,21 @@ impl HumanDriver {
         let target = self.lane_change().unwrap_or(self.lane);
         let corridor = self.swath(target, road).union(own.front_across);
         let leader = leader(own, seen, corridor);
+        let mut keeping = self.idm;
+        if leader.is_some_and(|leader| leader.speed_mps < 0.5) {
+            keeping.jam_distance_m += PULL_OUT_ROOM_M;
+        }
+        self.accel_mps2 = keeping.acceleration(own.speed_mps, leader);
         if self.change.is_none() && self.is_held_up(leader) {
             self.change = self.best_change(own, seen, leader, d_m, road);
         }
-        let mut idm = self.idm;
         if self.change.is_some() {
-            idm.jam_distance_m = 0.5;
-        } else if leader.is_some_and(|leader| leader.speed_mps < 0.5) {
-            idm.jam_distance_m += PULL_OUT_ROOM_M;
+            let changing = Idm {
+                jam_distance_m: CHANGING_GAP_M,
+                ..self.idm
+            };
+            self.accel_mps2 = changing.acceleration(own.speed_mps, leader);
         }
-        self.accel_mps2 = idm.acceleration(own.speed_mps, leader);
     }
 
     fn is_held_up(&self, leader: Option<Ahead>) -> bool {
@@ -134,7 +141,6 @@ impl HumanDriver {
         d_m: f64,
         road: &Road,
     ) -> Option<LaneChange> {
-        let now = self.idm.acceleration(own.speed_mps, held_by);
         let gain = |lane: LaneIndex| {
             let swath = self.swath(lane, road);
             let ahead = leader(own, seen, swath);
@@ -144,7 +150,7 @@ impl HumanDriver {
             let safe = then > -SAFE_BRAKING_MPS2
                 && ahead.is_none_or(|leader| leader.gap_m > SIDE_GAP_M)
                 && self.follower_is_safe(own, seen, swath);
-            (safe && faster && then > now + GAIN_MPS2).then_some((lane, then))
+            (safe && faster && then > self.accel_mps2 + GAIN_MPS2).then_some((lane, then))
         };
         let (target, _) = [self.lane.left(), self.lane.right()]
             .into_iter()

@@ -41,7 +41,8 @@ impl Idm {
     /// A driver of their own: every parameter within 15 %, the desired speed within 4 %.
     pub fn draw(desired_speed_mps: f64, rng: &mut impl Rng) -> Self {
         let mean = Self::treiber2000(desired_speed_mps);
-        let mut spread = |value: f64, share: f64| value * rng.random_range(1.0 - share..1.0 + share);
+        let mut spread =
+            |value: f64, share: f64| value * rng.random_range(1.0 - share..1.0 + share);
         Self {
             desired_speed_mps: spread(mean.desired_speed_mps, 0.04),
             time_headway_s: spread(mean.time_headway_s, 0.15),

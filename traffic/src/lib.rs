@@ -7,14 +7,34 @@
 
 mod body;
 mod footprint;
+mod human;
+mod idm;
 mod model;
 mod sample;
+mod scenario;
+mod scenario_error;
 mod scene;
 /// Builders of static bodies in the world frame, along a road.
 pub mod scenery;
+mod sight;
+mod simulation;
 
 pub use body::{Body, ConvexPart, Material};
 pub use footprint::Footprint;
+pub use idm::{Ahead, Idm};
 pub use model::VehicleModel;
 pub use sample::{SampledScene, sample_scene};
+pub use scenario::{
+    BarrierEntry, BuildingEntry, DrivenEntry, LookEntry, ObstacleEntry, PolesEntry,
+    RoadsideBarrier, Scenario, TreeEntry, VehicleKind, WallEntry,
+};
+pub use scenario_error::ScenarioError;
 pub use scene::{Scene, SceneLook, SceneVehicle, VehicleId};
+pub use simulation::{Traffic, TrafficVehicle};
+
+/// The hardest braking of any vehicle, in m/s^2 (b_e and b_l of the safe set).
+pub const BRAKING_MAX_MPS2: f64 = 8.0;
+/// The strongest acceleration of any vehicle, in m/s^2.
+pub const ACCEL_MAX_MPS2: f64 = 3.0;
+/// The largest tangent of a steering angle.
+pub const TAN_DELTA_MAX: f64 = 0.6;

@@ -12,7 +12,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::{Scene, VehicleId};
 
-pub(crate) use fleet::{draw_car, draw_model, draw_paint};
+pub(crate) use fleet::{draw_model, draw_paint};
 
 /// A random scene and the vehicle whose sensors look at it.
 #[derive(Debug, Clone)]

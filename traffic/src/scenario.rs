@@ -1,31 +1,15 @@
+//! Scenario files: their fields here, reading, checking and building in the submodules.
+
+mod build;
 mod check;
+mod load;
 
-use std::path::Path;
-
-use covista_world::{LaneIndex, Road, RoadSegment, Se2Pose};
-use nalgebra::Vector3;
-use rand::Rng;
+use covista_world::{LaneIndex, RoadSegment};
 use serde::Deserialize;
 
-use crate::{
-    Body, ScenarioError, SceneLook, VehicleId, VehicleModel,
-    scenery::{Stretch, building, guard_rail, jersey_barrier, pole, tree, wall},
-};
+use crate::VehicleModel;
 
-const BUILTIN: [(&str, &str); 3] = [
-    (
-        "obstacle-at-corner",
-        include_str!("../../assets/scenarios/obstacle-at-corner.toml"),
-    ),
-    (
-        "obstacle-at-corner-mirrored",
-        include_str!("../../assets/scenarios/obstacle-at-corner-mirrored.toml"),
-    ),
-    (
-        "open-corner",
-        include_str!("../../assets/scenarios/open-corner.toml"),
-    ),
-];
+pub(crate) use build::Start;
 
 /// Who moves a vehicle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Deserialize)]

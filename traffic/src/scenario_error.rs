@@ -17,7 +17,9 @@ pub enum ScenarioError {
         builtin: String,
     },
     /// There is no built-in scenario of this name.
-    #[error("there is no built-in scenario '{name}'; choose one of {builtin}, or give the path of a .toml file")]
+    #[error(
+        "there is no built-in scenario '{name}'; choose one of {builtin}, or give the path of a .toml file"
+    )]
     UnknownName {
         /// The name asked for.
         name: String,
@@ -45,7 +47,9 @@ pub enum ScenarioError {
         remedy: String,
     },
     /// Two vehicles start in the same place.
-    #[error("scenario {origin}, seed {seed}: vehicles {one} and {other} (counted from 1 in the file, obstacles last) overlap at the start; move one of them or reduce s_spread_m")]
+    #[error(
+        "scenario {origin}, seed {seed}: vehicles {one} and {other} (counted from 1 in the file, obstacles last) overlap at the start; move one of them or reduce s_spread_m"
+    )]
     Overlap {
         /// File or built-in name.
         origin: String,

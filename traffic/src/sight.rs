@@ -25,7 +25,10 @@ impl Occluders {
 
     /// Whether nothing crosses the line between two points.
     pub fn clear(&self, from: Vector2<f64>, to: Vector2<f64>) -> bool {
-        !self.outlines.iter().any(|outline| crosses(outline, from, to))
+        !self
+            .outlines
+            .iter()
+            .any(|outline| crosses(outline, from, to))
     }
 }
 

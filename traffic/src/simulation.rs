@@ -13,7 +13,7 @@ use crate::{
     human::{Across, HumanDriver, Strip},
     idm::Idm,
     sample::{draw_model, draw_paint},
-    scenario::{VehicleEntry, VehicleKind},
+    scenario::{Start, VehicleKind},
     sight::Occluders,
 };
 
@@ -116,13 +116,13 @@ impl Traffic {
         let scenery = scenario.scenery(&road, &mut rng);
         let look = scenario.look.to_look(rng.random());
         let vehicles: Vec<_> = scenario
-            .all_vehicles()
+            .starts()
             .enumerate()
-            .map(|(index, (kind, entry))| {
+            .map(|(index, start)| {
                 // A stream each: one vehicle more leaves the others as they were.
                 rng.set_stream(index as u64 + 1);
                 rng.set_word_pos(0);
-                place(&road, VehicleId(index as u32 + 1), kind, entry, &mut rng)
+                place(&road, VehicleId(index as u32 + 1), &start, &mut rng)
             })
             .collect();
         let traffic = Self {
@@ -278,38 +278,31 @@ fn within_limits(input: ControlInput) -> ControlInput {
     }
 }
 
-fn place(
-    road: &Road,
-    id: VehicleId,
-    kind: VehicleKind,
-    entry: &VehicleEntry,
-    rng: &mut ChaCha8Rng,
-) -> TrafficVehicle {
+fn place(road: &Road, id: VehicleId, start: &Start, rng: &mut ChaCha8Rng) -> TrafficVehicle {
     let drawn = draw_model(rng);
-    let model = entry.model.unwrap_or(match kind {
+    let model = start.model.unwrap_or(match start.kind {
         VehicleKind::Cav => VehicleModel::Sedan,
         VehicleKind::Human | VehicleKind::Obstacle => drawn,
     });
     let paint = draw_paint(model, rng);
-    let mut around =
-        |middle: f64, spread: f64| middle + spread * rng.random_range(-1.0..=1.0_f64);
-    let s_m = around(entry.s_m, entry.s_spread_m);
-    let speed_mps = around(entry.speed_mps, entry.speed_spread_mps).max(0.0);
-    let d_m = road.lane_center_m(entry.lane);
-    let driver = (kind == VehicleKind::Human).then(|| {
-        let idm = Idm::draw(entry.desired_speed_mps, rng);
-        HumanDriver::new(idm, entry.lane, model.dimensions().width_m)
+    let mut around = |middle: f64, spread: f64| middle + spread * rng.random_range(-1.0..=1.0_f64);
+    let s_m = around(start.s_m, start.s_spread_m);
+    let speed_mps = around(start.speed_mps, start.speed_spread_mps).max(0.0);
+    let d_m = road.lane_center_m(start.lane);
+    let driver = (start.kind == VehicleKind::Human).then(|| {
+        let idm = Idm::draw(start.desired_speed_mps, rng);
+        HumanDriver::new(idm, start.lane, model.dimensions().width_m)
     });
     let pose = road.pose_from_frenet(s_m, d_m, 0.0);
     TrafficVehicle {
         id,
-        kind,
+        kind: start.kind,
         model,
         paint,
         state: BicycleState { pose, speed_mps },
         frenet: road.to_frenet_pose_near(pose, s_m),
         accel_mps2: 0.0,
-        desired_speed_mps: entry.desired_speed_mps,
+        desired_speed_mps: start.desired_speed_mps,
         driver,
     }
 }

@@ -21,9 +21,10 @@ pub fn convex_hull_faces(points: &[Point3<f64>]) -> Vec<Face> {
     for (i, a) in points.iter().enumerate() {
         for (j, b) in points.iter().enumerate().skip(i + 1) {
             for c in &points[j + 1..] {
-                let Some(normal) =
-                    Unit::try_new((b - a).cross(&(c - a)), tolerance * size + f64::MIN_POSITIVE)
-                else {
+                let Some(normal) = Unit::try_new(
+                    (b - a).cross(&(c - a)),
+                    tolerance * size + f64::MIN_POSITIVE,
+                ) else {
                     continue;
                 };
                 let heights = points.iter().map(|point| normal.dot(&(point - a)));
@@ -112,8 +113,8 @@ mod tests {
     #[test]
     fn a_flat_or_empty_set_has_no_face() {
         assert!(convex_hull_faces(&[]).is_empty());
-        let flat = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
-            .map(|[x, y]| Point3::new(x, y, 0.0));
+        let flat =
+            [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]].map(|[x, y]| Point3::new(x, y, 0.0));
         assert!(convex_hull_faces(&flat).is_empty());
     }
 }

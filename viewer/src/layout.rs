@@ -6,7 +6,9 @@
 use covista_world::{FrenetPoint, Road};
 use rerun::external::re_log_types::BlueprintActivationCommand;
 use rerun::external::re_sdk_types::blueprint::{archetypes, components};
-use rerun::{AsComponents, RecordingStream, RecordingStreamBuilder, RecordingStreamResult};
+use rerun::{
+    ApplicationId, AsComponents, RecordingStream, RecordingStreamBuilder, RecordingStreamResult,
+};
 
 use crate::SceneRecord;
 use crate::perception::{CAMERA, EGO};
@@ -15,7 +17,7 @@ use crate::recording::TIMELINE;
 /// Sends the layout with the recording, as the application's default and active one.
 pub fn send_blueprint(
     recording: &RecordingStream,
-    application: &str,
+    application: ApplicationId,
     scene: &SceneRecord,
 ) -> RecordingStreamResult<()> {
     let (stream, storage) = RecordingStreamBuilder::new(application)
@@ -55,11 +57,21 @@ struct Layout<'a> {
 impl Layout<'_> {
     fn write(&mut self, scene: &SceneRecord) -> RecordingStreamResult<()> {
         let world = self.world_views(scene)?;
-        let camera = self.view("2D", "Camera of the chosen CAV", CAMERA, &["$origin/**"], &[])?;
+        let camera = self.view(
+            "2D",
+            "Camera of the chosen CAV",
+            CAMERA,
+            &["$origin/**"],
+            &[],
+        )?;
         let action = self.states("Action", "states/action")?;
         let filter = self.states("Safety filter", "states/filter")?;
         let lane = self.states("Lane", "states/lane")?;
-        let states = self.container(components::ContainerKind::Tabs, &[action, filter, lane], &[])?;
+        let states = self.container(
+            components::ContainerKind::Tabs,
+            &[action, filter, lane],
+            &[],
+        )?;
         let side = self.container(
             components::ContainerKind::Vertical,
             &[camera, states],
@@ -101,7 +113,10 @@ impl Layout<'_> {
                         .with_position(eye)
                         .with_look_target(target),
                 ),
-                ("LineGrid3D", &archetypes::LineGrid3D::new().with_visible(false)),
+                (
+                    "LineGrid3D",
+                    &archetypes::LineGrid3D::new().with_visible(false),
+                ),
             ],
         )?;
         let follow = self.view(
@@ -116,11 +131,18 @@ impl Layout<'_> {
                         .with_kind(components::Eye3DKind::Orbital)
                         .with_tracking_entity(EGO),
                 ),
-                ("LineGrid3D", &archetypes::LineGrid3D::new().with_visible(false)),
+                (
+                    "LineGrid3D",
+                    &archetypes::LineGrid3D::new().with_visible(false),
+                ),
             ],
         )?;
         let text = self.view("TextDocument", "About", "description", &["$origin"], &[])?;
-        self.container(components::ContainerKind::Tabs, &[corner, follow, text], &[])
+        self.container(
+            components::ContainerKind::Tabs,
+            &[corner, follow, text],
+            &[],
+        )
     }
 
     fn curves(&mut self) -> RecordingStreamResult<Part> {
@@ -246,7 +268,10 @@ fn eye_on_corner(road: &Road) -> ([f32; 3], [f32; 3]) {
         .into_iter()
         .filter(|&s_m| road.curvature(s_m).abs() >= 0.9 * sharpest)
         .collect();
-    let s_m = corner.get(corner.len() / 2).copied().unwrap_or(length_m / 2.0);
+    let s_m = corner
+        .get(corner.len() / 2)
+        .copied()
+        .unwrap_or(length_m / 2.0);
     let outside = if road.curvature(s_m) > 0.0 { -1.0 } else { 1.0 };
     let target = road.from_frenet(FrenetPoint {
         s_m: s_m - 15.0,

@@ -96,7 +96,10 @@ pub fn vehicle_path(label: &str) -> rerun::EntityPath {
 }
 
 /// Logs the vehicles' bodies, which [`log_vehicles`] then moves.
-pub fn log_bodies(stream: &RecordingStream, scene: &SceneRecord) -> rerun::RecordingStreamResult<()> {
+pub fn log_bodies(
+    stream: &RecordingStream,
+    scene: &SceneRecord,
+) -> rerun::RecordingStreamResult<()> {
     for vehicle in &scene.vehicles {
         let class = Class::of(vehicle.kind, StationId(vehicle.id) == scene.focus);
         let body = body_boxes(&vehicle.dimensions)
@@ -111,11 +114,7 @@ pub fn log_bodies(stream: &RecordingStream, scene: &SceneRecord) -> rerun::Recor
 /// A lower body and a cabin, in the vehicle frame.
 fn body_boxes(dimensions: &VehicleDimensions) -> rerun::Boxes3D {
     const CLEARANCE_M: f64 = 0.2;
-    let (length, width, height) = (
-        dimensions.length_m,
-        dimensions.width_m,
-        dimensions.height_m,
-    );
+    let (length, width, height) = (dimensions.length_m, dimensions.width_m, dimensions.height_m);
     let center_x = dimensions.center_ahead_of_axle_m();
     let is_tall = height > 1.9;
     let (waist, cabin_length, cabin_x) = if is_tall {

@@ -58,8 +58,7 @@ pub fn log_focus(
     if let Some(jpeg) = frame.image.as_ref().and_then(encode_jpeg) {
         stream.log(
             CAMERA,
-            &rerun::EncodedImage::from_file_contents(jpeg)
-                .with_media_type(rerun::MediaType::JPEG),
+            &rerun::EncodedImage::from_file_contents(jpeg).with_media_type(rerun::MediaType::JPEG),
         )?;
     }
     if let Some(marks) = &frame.marks {
@@ -70,7 +69,10 @@ pub fn log_focus(
         "world/perception/camera/boxes",
         &projected_boxes(frame, scene),
     )?;
-    stream.log("world/tracks", &track_outlines(&frame.tracks, scene.focus, time_s))
+    stream.log(
+        "world/tracks",
+        &track_outlines(&frame.tracks, scene.focus, time_s),
+    )
 }
 
 fn transform(a_from_b: &Isometry3<f64>) -> rerun::Transform3D {
@@ -146,8 +148,13 @@ fn seen_boxes(boxes: &[SeenBox], focus: StationId) -> rerun::Boxes3D {
             (state.height_m / 2.0) as f32,
         ]
     };
-    let size =
-        |state: &ObjectState| [state.length_m as f32, state.width_m as f32, state.height_m as f32];
+    let size = |state: &ObjectState| {
+        [
+            state.length_m as f32,
+            state.width_m as f32,
+            state.height_m as f32,
+        ]
+    };
     rerun::Boxes3D::from_centers_and_sizes(
         boxes.iter().map(|seen| center(&seen.state)),
         boxes.iter().map(|seen| size(&seen.state)),

@@ -124,7 +124,10 @@ mod tests {
         let vehicle = Se2Pose::default();
         assert!(project_box(&car_at(-20.0, 0.0), vehicle, &calibration).is_empty());
         for beside in [car_at(3.0, 2.5), car_at(6.0, -4.0), car_at(10.0, 8.0)] {
-            for [u, v] in project_box(&beside, vehicle, &calibration).into_iter().flatten() {
+            for [u, v] in project_box(&beside, vehicle, &calibration)
+                .into_iter()
+                .flatten()
+            {
                 assert!((-0.01..=1242.01).contains(&u) && (-0.01..=375.01).contains(&v));
             }
         }

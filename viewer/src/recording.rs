@@ -2,7 +2,7 @@ use std::path::{Path, PathBuf};
 
 use covista_world::Validate;
 use rerun::log::ChunkBatcherConfig;
-use rerun::{RecordingStream, RecordingStreamBuilder};
+use rerun::{ApplicationId, RecordingStream, RecordingStreamBuilder};
 
 use crate::series::StateMemory;
 use crate::{SceneRecord, StepRecord, ViewerError};
@@ -36,8 +36,8 @@ impl Recording {
             path: path.to_owned(),
             source,
         })?;
-        let application = format!("covista {}", scene.scenario);
-        let stream = RecordingStreamBuilder::new(application.as_str())
+        let application = ApplicationId::new_or_unknown(format!("covista {}", scene.scenario));
+        let stream = RecordingStreamBuilder::new(application.clone())
             .recording_name(scene.run.as_str())
             // Few large chunks, however slowly the steps come.
             .batcher_config(ChunkBatcherConfig {
@@ -54,12 +54,12 @@ impl Recording {
             states: StateMemory::default(),
         };
         recording
-            .log_static(&application)
+            .log_static(application)
             .map_err(|error| ViewerError::record(path, error))?;
         Ok(recording)
     }
 
-    fn log_static(&self, application: &str) -> rerun::RecordingStreamResult<()> {
+    fn log_static(&self, application: ApplicationId) -> rerun::RecordingStreamResult<()> {
         layout::send_blueprint(&self.stream, application, &self.scene)?;
         scene::log_scene(&self.stream, &self.scene)?;
         objects::log_bodies(&self.stream, &self.scene)?;

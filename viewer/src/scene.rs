@@ -18,7 +18,10 @@ const ASPHALT: [u8; 3] = [58, 60, 64];
 const PAINT: [u8; 3] = [230, 230, 225];
 
 /// Logs what does not change: axes, classes, road, scenery, description.
-pub fn log_scene(stream: &RecordingStream, scene: &SceneRecord) -> rerun::RecordingStreamResult<()> {
+pub fn log_scene(
+    stream: &RecordingStream,
+    scene: &SceneRecord,
+) -> rerun::RecordingStreamResult<()> {
     stream.log_static("world", &rerun::ViewCoordinates::RIGHT_HAND_Z_UP())?;
     stream.log_static("world", &Class::annotation_context())?;
     stream.log_static("world/road/surface", &road_surface(&scene.road))?;
@@ -68,9 +71,18 @@ fn road_surface(road: &Road) -> rerun::Mesh3D {
     let edge = |d_m| at_height(&offset_curve(road, &stations, d_m), -0.03);
     let left = edge(road.mark_offset_m(0) + SHOULDER_M);
     let right = edge(road.mark_offset_m(MARK_COUNT - 1) - SHOULDER_M);
-    let vertices: Vec<_> = left.iter().zip(&right).flat_map(|(l, r)| [*l, *r]).collect();
+    let vertices: Vec<_> = left
+        .iter()
+        .zip(&right)
+        .flat_map(|(l, r)| [*l, *r])
+        .collect();
     let triangles: Vec<_> = (0..stations.len().saturating_sub(1) as u32)
-        .flat_map(|i| [[2 * i, 2 * i + 1, 2 * i + 2], [2 * i + 2, 2 * i + 1, 2 * i + 3]])
+        .flat_map(|i| {
+            [
+                [2 * i, 2 * i + 1, 2 * i + 2],
+                [2 * i + 2, 2 * i + 1, 2 * i + 3],
+            ]
+        })
         .collect();
     let colors = vec![rerun::Color::from(ASPHALT); vertices.len()];
     rerun::Mesh3D::new(vertices)
@@ -80,7 +92,10 @@ fn road_surface(road: &Road) -> rerun::Mesh3D {
 
 fn road_marks(road: &Road) -> rerun::LineStrips3D {
     let solid = [0, MARK_COUNT - 1].map(|mark| {
-        at_height(&offset_curve(road, &stations(road), road.mark_offset_m(mark)), 0.0)
+        at_height(
+            &offset_curve(road, &stations(road), road.mark_offset_m(mark)),
+            0.0,
+        )
     });
     let [stroke_m, period_m] = DASH_M;
     let dash_count = (road.length_m() + 2.0 * RUN_OUT_M) / period_m;

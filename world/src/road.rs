@@ -141,6 +141,7 @@ pub struct Road {
     nodes: Vec<Node>,
     length_m: f64,
     lane_width_m: f64,
+    sharpest_per_m: f64,
 }
 
 impl Road {
@@ -195,10 +196,17 @@ impl Road {
             }
         }
         let length_m = nodes.last().map_or(0.0, |node| node.s_m);
+        let sharpest_per_m = segments
+            .iter()
+            .map(|segment| segment.curvatures())
+            .fold(0.0, |max: f64, (from, to)| {
+                max.max(from.abs()).max(to.abs())
+            });
         Ok(Self {
             nodes,
             length_m,
             lane_width_m,
+            sharpest_per_m,
         })
     }
 
@@ -259,6 +267,11 @@ impl Road {
     /// Curvature of the reference line at `s_m` in 1/m, positive to the left.
     pub fn curvature(&self, s_m: f64) -> f64 {
         self.reference(s_m).1
+    }
+
+    /// Largest |curvature| of the whole reference line in 1/m.
+    pub fn sharpest_per_m(&self) -> f64 {
+        self.sharpest_per_m
     }
 
     /// Largest |curvature| of the reference line between `from_m` and `to_m`.

@@ -21,7 +21,7 @@ pub fn speed_limit_mps(
 ) -> f64 {
     let half_width = half_width_m(road);
     // The innermost path is the shortest.
-    let sharpest = road.max_abs_curvature(0.0, road.length_m());
+    let sharpest = road.sharpest_per_m();
     let brake = brake_mps2 * (1.0 - sharpest * half_width);
     let horizon_m = speed_mps.powi(2) / (2.0 * brake) + 2.0 * STRETCH_M;
     let stretches = (horizon_m / STRETCH_M).ceil().min(500.0) as usize;

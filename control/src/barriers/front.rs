@@ -35,7 +35,13 @@ impl Gap {
     ) -> f64 {
         let v = self.speed_mps;
         let gap_next = self.gap_m - closing.step_m(v, self.leader_mps);
-        let budget = gap_next - keep_m - target_m + ROUNDING_M * 1e-3;
+        let budget = gap_next - keep_m - target_m;
+        // A brake that just holds the row may miss it by rounding.
+        let budget = if budget > -1e-9 {
+            budget.max(0.0)
+        } else {
+            budget
+        };
         let ceiling = v + settings.accel_max_mps2 * STEP_S + settings.noise_speed_mps;
         match closing.max_speed_mps(budget, leader_next_mps, ceiling) {
             Some(next) => ((next - settings.noise_speed_mps - v) / STEP_S).max(-v / STEP_S),
@@ -50,11 +56,13 @@ pub struct Ahead<'a> {
     /// The road.
     pub road: &'a Road,
     /// The ego vehicle.
-    pub ego: &'a EgoState,
+    pub ego: EgoState,
     /// The lane in which the gap is measured.
     pub lane: LaneIndex,
     /// How far the ego vehicle's rear axle may be from that lane's centre.
     pub off_center_m: f64,
+    /// What the rows of this lane are called.
+    pub kind: BarrierKind,
     /// Whether the ego vehicle leaves the lane, which is enough for the collision level towards a
     /// vehicle that stands.
     pub leaving: bool,
@@ -63,8 +71,11 @@ pub struct Ahead<'a> {
 /// The two levels of a front barrier in metres: h and h_0.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FrontLevels {
+    /// The distance level.
     pub h_m: f64,
+    /// The collision level.
     pub h0_m: f64,
+    /// Whether the distance level is given up to drive round the leader.
     pub leaving: bool,
 }
 
@@ -125,7 +136,7 @@ impl Ahead<'_> {
     /// The collision level is always hard. The distance level is hard while h >= 0; when an
     /// assumption broke it (a cut-in, a reveal) it is won back with at most the gentle braking,
     /// against the leader's measured motion.
-    pub fn row(&self, leader: &Neighbour, kind: BarrierKind, settings: &SafetySettings) -> Row {
+    pub fn row(&self, leader: &Neighbour, settings: &SafetySettings) -> Row {
         let closing = self.closing(settings);
         let keep_m = self.headway_bumper_m(leader.length_m, settings);
         let levels = self.levels(leader, settings);
@@ -145,7 +156,7 @@ impl Ahead<'_> {
         Row {
             neighbour: Some(leader.id),
             h0_m: levels.h0_m,
-            ..Row::at_most(kind, Input::Accel, collision.min(distance), levels.h_m)
+            ..Row::at_most(self.kind, Input::Accel, collision.min(distance), levels.h_m)
         }
     }
 }

@@ -47,9 +47,8 @@ impl Side {
 }
 
 /// The lateral barriers of one state.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Lateral<'a> {
-    road: &'a Road,
     settings: &'a SafetySettings,
     body: Body,
     wheelbase_m: f64,
@@ -62,6 +61,8 @@ pub struct Lateral<'a> {
     next_d_m: f64,
     /// Heading relative to the road at x+ when driving straight on.
     straight_psi_rad: f64,
+    /// Largest |kappa| from the body on to the end of each stretch of road.
+    curvature_ahead: CurvatureAhead,
     /// How far a body's end lies off the parallel of the road through the rear axle.
     sagitta_m: f64,
 }
@@ -76,9 +77,9 @@ impl<'a> Lateral<'a> {
             rear_m: ego.dimensions.rear_overhang_m,
             half_width_m: ego.dimensions.width_m / 2.0,
         };
-        let sharpest = road_curvature(road.max_abs_curvature(0.0, road.length_m()), road);
+        let sharpest = road_curvature(road.sharpest_per_m(), road);
         Self {
-            road,
+            curvature_ahead: CurvatureAhead::new(road, ego.frenet.s_m - body.rear_m),
             settings,
             body,
             wheelbase_m: ego.dimensions.wheelbase_m,
@@ -136,11 +137,7 @@ impl<'a> Lateral<'a> {
     /// h of the side towards which the body is steered back with the counter-curvature that is
     /// left: the edge less the body's farthest reach on the way.
     fn front_h_m(&self, side: Side) -> f64 {
-        let reach = self.excursion_m(
-            self.s_m,
-            self.speed_mps,
-            side.sign() * self.psi_rad,
-        );
+        let reach = self.excursion_m(self.s_m, self.speed_mps, side.sign() * self.psi_rad);
         self.edge_m(side) - side.sign() * self.d_m - reach
     }
 
@@ -153,9 +150,7 @@ impl<'a> Lateral<'a> {
     /// The front row: h falls with the heading at x+, so it bounds tan(delta) on the side's side.
     fn front_row(&self, side: Side, next_mps: f64, limit: f64) -> Row {
         let h = self.front_h_m(side);
-        let room = self.edge_m(side)
-            - side.sign() * self.next_d_m
-            - target(h, self.settings.eta);
+        let room = self.edge_m(side) - side.sign() * self.next_d_m - target(h, self.settings.eta);
         let fits = |psi: f64| self.excursion_m(self.next_s_m, next_mps, psi) <= room + 1e-9;
         self.steering_row(side, h, limit, fits)
     }
@@ -164,9 +159,7 @@ impl<'a> Lateral<'a> {
     /// tan(delta) on the other side. Holding the heading always satisfies it.
     fn rear_row(&self, side: Side, limit: f64) -> Row {
         let h = self.rear_h_m(side);
-        let room = self.edge_m(side)
-            - side.sign() * self.next_d_m
-            - target(h, self.settings.eta);
+        let room = self.edge_m(side) - side.sign() * self.next_d_m - target(h, self.settings.eta);
         let mirrored = match side {
             Side::Left => Side::Right,
             Side::Right => Side::Left,
@@ -238,9 +231,7 @@ impl<'a> Lateral<'a> {
     fn counter_curvature(&self, s_m: f64, speed_mps: f64, psi_rad: f64) -> (f64, f64) {
         let settings = self.settings;
         let length = psi_rad.abs() / settings.counter_curvature_min_per_m + 2.0 * self.body.front_m;
-        let from_m = s_m - self.body.rear_m;
-        let sharpest = self.road.max_abs_curvature(from_m, s_m + length.min(150.0));
-        let road = road_curvature(sharpest, self.road);
+        let road = self.curvature_ahead.up_to(s_m + length);
         let own = tan_delta_limit(speed_mps, self.wheelbase_m, settings) / self.wheelbase_m;
         (own - road, road)
     }
@@ -254,6 +245,39 @@ impl<'a> Lateral<'a> {
         let widest = (rear_m / half_width_m).atan();
         let (sin, cos) = (-psi_rad).clamp(0.0, widest).sin_cos();
         rear_m * sin + half_width_m * cos
+    }
+}
+
+/// Running maxima of the road's curvature, in stretches that do not move with the vehicle.
+#[derive(Debug, Clone)]
+struct CurvatureAhead {
+    first_m: f64,
+    /// |kappa| / (1 - |kappa| d_max) up to the end of each stretch.
+    running_max: [f64; STRETCHES],
+}
+
+const STRETCH_M: f64 = 8.0;
+const STRETCHES: usize = 16;
+
+impl CurvatureAhead {
+    fn new(road: &Road, from_m: f64) -> Self {
+        let first_m = (from_m / STRETCH_M).floor() * STRETCH_M;
+        let mut sharpest = 0.0_f64;
+        let running_max = std::array::from_fn(|i| {
+            let start_m = (first_m + STRETCH_M * i as f64).max(from_m);
+            let end_m = first_m + STRETCH_M * (i + 1) as f64;
+            sharpest = sharpest.max(road.max_abs_curvature(start_m, end_m));
+            road_curvature(sharpest, road)
+        });
+        Self {
+            first_m,
+            running_max,
+        }
+    }
+
+    fn up_to(&self, s_m: f64) -> f64 {
+        let stretch = ((s_m - self.first_m) / STRETCH_M).max(0.0) as usize;
+        self.running_max[stretch.min(STRETCHES - 1)]
     }
 }
 

@@ -7,7 +7,7 @@ pub mod lateral;
 pub mod rear;
 pub mod sight;
 
-use covista_world::BarrierKind;
+use covista_world::{BarrierKind, ControlInput};
 
 /// The component of u that a row bounds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -57,6 +57,30 @@ impl Row {
             lower,
             upper: f64::INFINITY,
             ..Self::at_most(kind, input, f64::INFINITY, h)
+        }
+    }
+}
+
+impl Row {
+    /// Whether `u` meets the row.
+    pub fn admits(&self, u: ControlInput) -> bool {
+        (self.lower..=self.upper).contains(&self.component(u))
+    }
+
+    /// How far `u` is from meeting the row: in m/s^2, a full lock counting as ten of them.
+    pub fn violation(&self, u: ControlInput) -> f64 {
+        let scale = match self.input {
+            Input::TanDelta => 10.0,
+            Input::Accel => 1.0,
+        };
+        let value = self.component(u);
+        scale * (value - self.upper).max(self.lower - value).max(0.0)
+    }
+
+    fn component(&self, u: ControlInput) -> f64 {
+        match self.input {
+            Input::TanDelta => u.tan_delta,
+            Input::Accel => u.accel_mps2,
         }
     }
 }

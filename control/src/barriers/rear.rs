@@ -13,7 +13,6 @@ use crate::situation::{ArcRates, Neighbour, lane_arc_m};
 pub struct Follower {
     gap_m: f64,
     speed_mps: f64,
-    follower_mps: f64,
     /// What the follower drives until it stands.
     stop_m: f64,
     keep_m: f64,
@@ -42,7 +41,6 @@ impl Follower {
                 ahead.ego.frenet.s_m,
             ) - reach,
             speed_mps: v,
-            follower_mps: v_b,
             stop_m: v_b * rho
                 + 0.5 * settings.follower_accel_mps2 * rho * rho
                 + top * top / (2.0 * settings.follower_brake_mps2),
@@ -82,10 +80,5 @@ impl Follower {
             h0_m: self.h0_m(settings),
             ..Row::at_least(BarrierKind::RearTarget, Input::Accel, lower, h)
         }
-    }
-
-    /// How fast the follower comes, in m/s.
-    pub fn follower_mps(&self) -> f64 {
-        self.follower_mps
     }
 }

@@ -31,8 +31,7 @@ pub fn row(ahead: &Ahead<'_>, clear_s_m: f64, settings: &SafetySettings) -> Row 
 
 /// From the ego vehicle's front to the end of what is seen, along the lane.
 pub fn gap(ahead: &Ahead<'_>, clear_s_m: f64) -> Gap {
-    let reach =
-        ArcRates::new(ahead.road, ahead.off_center_m).high * ahead.ego.front_reach_m();
+    let reach = ArcRates::new(ahead.road, ahead.off_center_m).high * ahead.ego.front_reach_m();
     Gap {
         gap_m: lane_arc_m(ahead.road, ahead.lane, ahead.ego.frenet.s_m, clear_s_m) - reach,
         speed_mps: ahead.ego.state.speed_mps,

@@ -1,5 +1,7 @@
 //! Overlap of boxes seen from above, and non-maximum suppression by it.
 
+use std::cmp::Ordering;
+
 use covista_world::Detection3d;
 use nalgebra::Vector2;
 
@@ -23,8 +25,7 @@ pub fn suppress(mut boxes: Vec<Detection3d>, max_iou: f64) -> Vec<Detection3d> {
 pub fn bev_iou(a: &Detection3d, b: &Detection3d) -> f64 {
     let reach = (a.size_m.xy().norm() + b.size_m.xy().norm()) / 2.0;
     let apart = (a.center_m.xy() - b.center_m.xy()).norm();
-    // Also true for numbers that are not finite.
-    if !(apart < reach) {
+    if apart.partial_cmp(&reach) != Some(Ordering::Less) {
         return 0.0;
     }
     let shared = intersection_m2(&footprint(a), &footprint(b));

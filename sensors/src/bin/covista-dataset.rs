@@ -5,7 +5,8 @@ use std::time::Instant;
 
 use covista_sensors::{DatasetSpec, Split, write_dataset};
 
-const USAGE: &str = "usage: covista-dataset --out DIR --frames N [--start N] [--seed N] [--split train|val|test]";
+const USAGE: &str =
+    "usage: covista-dataset --out DIR --frames N [--start N] [--seed N] [--split train|val|test]";
 
 fn main() -> ExitCode {
     let spec = match parse(std::env::args().skip(1)) {
@@ -19,7 +20,10 @@ fn main() -> ExitCode {
     let report = |done: usize, total: usize| {
         if done.is_multiple_of(50) || done == total {
             let seconds = began.elapsed().as_secs_f64();
-            eprintln!("{done}/{total} frames, {:.2} a second", done as f64 / seconds);
+            eprintln!(
+                "{done}/{total} frames, {:.2} a second",
+                done as f64 / seconds
+            );
         }
     };
     match write_dataset(&spec, report) {

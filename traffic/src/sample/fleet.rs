@@ -66,7 +66,7 @@ impl Flow {
 }
 
 /// A car, of the kind that carries sensors.
-pub(crate) fn draw_car(rng: &mut impl Rng) -> VehicleModel {
+fn draw_car(rng: &mut impl Rng) -> VehicleModel {
     if rng.random_bool(0.6) {
         VehicleModel::Sedan
     } else {

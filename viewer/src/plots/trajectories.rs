@@ -54,7 +54,10 @@ fn keys(runs: &[RunSeries]) -> Vec<(Key, String)> {
     keys.extend([
         (Key::Triangle(INK), "lane change begins".to_owned()),
         (Key::Dot(INK), "end of the run".to_owned()),
-        (Key::Block(rgb(palette::VERMILLION)), "stationary".to_owned()),
+        (
+            Key::Block(rgb(palette::VERMILLION)),
+            "stationary".to_owned(),
+        ),
         (Key::Block(SCENERY), "walls, buildings".to_owned()),
     ]);
     keys
@@ -192,7 +195,12 @@ impl Backdrop<'_> {
             .iter()
             .flat_map(|part| convex_hull_faces(&part.vertices_m));
         faces
-            .map(|face| face.corners.iter().map(|corner| (corner.x, corner.y)).collect())
+            .map(|face| {
+                face.corners
+                    .iter()
+                    .map(|corner| (corner.x, corner.y))
+                    .collect()
+            })
             .collect()
     }
 }
@@ -227,14 +235,24 @@ fn draw_panel<'a>(
     let line = |piece: Vec<Point>, color: RGBColor, width| {
         PathElement::new(piece, color.stroke_width(width))
     };
-    chart.draw_series(backdrop.surface().into_iter().map(|quad| polygon(quad, ASPHALT)))?;
+    chart.draw_series(
+        backdrop
+            .surface()
+            .into_iter()
+            .map(|quad| polygon(quad, ASPHALT)),
+    )?;
     for mark in 0..MARK_COUNT {
         let is_edge = mark == 0 || mark == MARK_COUNT - 1;
         let color = if is_edge { INK } else { LANE_LINE };
         let pieces = window.visible(backdrop.curve(backdrop.road.mark_offset_m(mark)));
         chart.draw_series(pieces.into_iter().map(|piece| line(piece, color, 1)))?;
     }
-    chart.draw_series(backdrop.walls().into_iter().map(|wall| polygon(wall, SCENERY)))?;
+    chart.draw_series(
+        backdrop
+            .walls()
+            .into_iter()
+            .map(|wall| polygon(wall, SCENERY)),
+    )?;
     for (vehicle, color) in run.vehicles.iter().zip(colors(run)) {
         let path: Vec<Point> = vehicle
             .samples
@@ -300,7 +318,11 @@ mod tests {
             })
             .sum();
         assert!((area - 10.0).abs() < 1e-9, "{cut:?}");
-        assert!(window.cut(vec![(20.0, 0.0), (21.0, 0.0), (20.0, 1.0)]).is_empty());
+        assert!(
+            window
+                .cut(vec![(20.0, 0.0), (21.0, 0.0), (20.0, 1.0)])
+                .is_empty()
+        );
     }
 
     #[test]

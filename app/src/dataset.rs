@@ -1,0 +1,31 @@
+use covista_sensors::{DatasetSpec, Split, write_dataset};
+use indicatif::{ProgressBar, ProgressStyle};
+
+use crate::{
+    cli::{DatasetArgs, SplitArg},
+    output::prepare_folder,
+};
+
+/// `covista dataset`.
+pub fn run(args: &DatasetArgs) -> anyhow::Result<()> {
+    prepare_folder(&args.out)?;
+    let spec = DatasetSpec {
+        out: args.out.clone(),
+        frames: args.frames,
+        start: 0,
+        seed: args.seed,
+        split: match args.split {
+            SplitArg::Train => Split::Train,
+            SplitArg::Val => Split::Val,
+            SplitArg::Test => Split::Test,
+        },
+    };
+    let bar = ProgressBar::new(args.frames);
+    if let Ok(style) = ProgressStyle::with_template("[{bar:40}] {pos}/{len} frames, {eta} left") {
+        bar.set_style(style.progress_chars("=> "));
+    }
+    write_dataset(&spec, |done, _| bar.set_position(done as u64))?;
+    bar.finish_and_clear();
+    println!("{} frames in {}", args.frames, args.out.display());
+    Ok(())
+}

@@ -1,0 +1,168 @@
+use std::{collections::BTreeMap, path::Path, time::Duration};
+
+use anyhow::bail;
+use covista_drive::{
+    ControlSettings, RunConfig, RunSummary, Scenario, Senses, Snapshot, TRACE_HEADER, run,
+};
+use covista_perception::{OnnxRuntime, Perceiver};
+use covista_viewer::{open_viewer, plot_speeds, plot_trajectories};
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+
+use crate::{
+    cli::{DemoArgs, PerceptionArg, SharingArg},
+    output::{models_folder, prepare_folder, write_json, write_whole},
+    record::{Recorded, Recorder},
+    table::side_by_side,
+};
+
+/// `summary.json`.
+#[derive(Serialize)]
+struct Summary<'a> {
+    version: &'static str,
+    scenario: &'a str,
+    seed: u64,
+    perception: &'static str,
+    settings: ControlSettings,
+    models: BTreeMap<String, String>,
+    runs: &'a [RunSummary],
+}
+
+/// `covista demo`.
+pub fn run_demo(args: &DemoArgs) -> anyhow::Result<()> {
+    let scenario = load_scenario(&args.scenario)?;
+    let duration_s = args.duration.unwrap_or(scenario.duration_s);
+    if !(duration_s > 0.0 && duration_s.is_finite()) {
+        bail!("--duration {duration_s} is no positive number of seconds");
+    }
+    let out = args
+        .out
+        .clone()
+        .unwrap_or_else(|| Path::new("out").join(&scenario.name));
+    prepare_folder(&out)?;
+    let (mut senses, models) = senses(args)?;
+    let sharings: &[bool] = match args.sharing {
+        SharingArg::On => &[true],
+        SharingArg::Off => &[false],
+        SharingArg::Both => &[true, false],
+    };
+    let mut runs = Vec::new();
+    let mut recorded = Vec::new();
+    let mut recordings = Vec::new();
+    let mut trace = format!("{TRACE_HEADER}\n");
+    for &sharing in sharings {
+        let config = RunConfig {
+            scenario: scenario.clone(),
+            seed: args.seed,
+            sharing,
+            duration_s,
+            control: ControlSettings::default(),
+        };
+        let rrd = format!("sharing-{}.rrd", if sharing { "on" } else { "off" });
+        let path = out.join(&rrd);
+        let mut recorder = Recorder::new(&path, &config);
+        let bar = progress_bar(sharing, duration_s);
+        let mut summary = run(&config, &mut senses, &mut |snapshot: &Snapshot<'_>| {
+            bar.set_position((snapshot.time_s * 10.0).round() as u64);
+            recorder.log(snapshot)?;
+            if args.trace.is_some() {
+                for row in &snapshot.rows {
+                    trace.push_str(&row.to_string());
+                    trace.push('\n');
+                }
+            }
+            Ok(())
+        })?;
+        bar.finish_and_clear();
+        recorded.push(recorder.finish(&summary)?);
+        summary.rrd = rrd;
+        runs.push(summary);
+        recordings.push(path);
+    }
+    plot(&out, &recorded)?;
+    if let Some(path) = &args.trace {
+        write_whole(path, trace.as_bytes())?;
+    }
+    write_json(
+        &out.join("summary.json"),
+        &Summary {
+            version: env!("CARGO_PKG_VERSION"),
+            scenario: &scenario.name,
+            seed: args.seed,
+            perception: match args.perception {
+                PerceptionArg::Network => "network",
+                PerceptionArg::Truth => "truth",
+            },
+            settings: ControlSettings::default(),
+            models,
+            runs: &runs,
+        },
+    )?;
+    let text = side_by_side(&runs);
+    println!("{text}\nwritten to {}", out.display());
+    if args.view {
+        open_viewer(&recordings)?;
+    }
+    Ok(())
+}
+
+fn load_scenario(name: &str) -> anyhow::Result<Scenario> {
+    let path = Path::new(name);
+    if path
+        .extension()
+        .is_some_and(|extension| extension == "toml")
+    {
+        Ok(Scenario::load(path)?)
+    } else {
+        Ok(Scenario::builtin(name)?)
+    }
+}
+
+/// Where percepts come from, and the hashes of the networks in use.
+fn senses(args: &DemoArgs) -> anyhow::Result<(Senses, BTreeMap<String, String>)> {
+    if args.perception == PerceptionArg::Truth {
+        return Ok((Senses::Truth, BTreeMap::new()));
+    }
+    let folder = models_folder(args.models.as_deref());
+    let runtime = OnnxRuntime::acquire(&|message| eprintln!("covista: {message}"))?;
+    let threads = std::thread::available_parallelism().map_or(1, Into::into);
+    let perceivers = (0..threads)
+        .map(|_| Perceiver::new(&runtime, &folder, 1))
+        .collect::<Result<_, _>>()?;
+    let models = covista_perception::list_models(&folder)?
+        .into_iter()
+        .map(|card| (card.id, card.sha256))
+        .collect();
+    Ok((Senses::Network(perceivers), models))
+}
+
+fn progress_bar(sharing: bool, duration_s: f64) -> ProgressBar {
+    let bar = ProgressBar::new((duration_s * 10.0).round() as u64);
+    if let Ok(style) = ProgressStyle::with_template(
+        "{msg} [{bar:40}] {percent:>3} % of the simulated time, {eta} left",
+    ) {
+        bar.set_style(style.progress_chars("=> "));
+    }
+    bar.set_message(if sharing {
+        "sharing on "
+    } else {
+        "sharing off"
+    });
+    bar.enable_steady_tick(Duration::from_millis(250));
+    bar
+}
+
+fn plot(out: &Path, recorded: &[Recorded]) -> anyhow::Result<()> {
+    let Some(first) = recorded.first() else {
+        return Ok(());
+    };
+    let series: Vec<_> = recorded.iter().map(|run| run.series.clone()).collect();
+    plot_trajectories(
+        &out.join("trajectories.png"),
+        &first.road,
+        &first.scenery,
+        &series,
+    )?;
+    plot_speeds(&out.join("speeds.png"), &series)?;
+    Ok(())
+}

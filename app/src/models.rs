@@ -1,0 +1,25 @@
+use covista_perception::{OnnxRuntime, list_models, verify_model};
+
+use crate::{
+    cli::{ModelsArgs, ModelsWhat},
+    output::models_folder,
+};
+
+/// `covista models`.
+pub fn run(args: &ModelsArgs) -> anyhow::Result<()> {
+    let cards = list_models(&models_folder(args.models.as_deref()))?;
+    let runtime = match args.what {
+        ModelsWhat::List => None,
+        ModelsWhat::Verify => Some(OnnxRuntime::acquire(&|message| {
+            eprintln!("covista: {message}");
+        })?),
+    };
+    for card in &cards {
+        if let Some(runtime) = &runtime {
+            verify_model(runtime, card)?;
+        }
+        let verdict = if runtime.is_some() { "  ok" } else { "" };
+        println!("{:<18} {}{verdict}", card.id, card.description);
+    }
+    Ok(())
+}

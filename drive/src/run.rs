@@ -1,0 +1,503 @@
+use std::{collections::BTreeMap, error::Error, time::Instant};
+
+use covista_control::{ControlSettings, SettingsError};
+use covista_perception::PerceiveError;
+use covista_planner::{InvalidObservation, comfort};
+use covista_sensors::{RayScene, in_line_of_sight};
+use covista_sharing::Channel;
+use covista_traffic::{Scenario, ScenarioError, Traffic, VehicleId, VehicleKind};
+use covista_world::{
+    Calibration, CollectivePerceptionMessage, ControlInput, FilterOutcome, LaneMarks, Percept,
+    STEP_S, SensorFrame, StationId, Track,
+};
+use nalgebra::Point3;
+
+use crate::{
+    cav::{Cav, Odometry},
+    monitor::{Cause, CavView, Monitor},
+    senses::{Sensed, Senses},
+    summary::{CavSummary, RunSummary, StageWallTimes},
+    trace::TraceRow,
+    truth::TrueVehicle,
+};
+
+/// Steps of the plant between two behaviour steps (0.5 s), messages (0.1 s) and trace rows (0.1 s).
+const BEHAVIOUR_STEPS: u64 = 50;
+const MESSAGE_STEPS: u64 = 10;
+const TRACE_STEPS: u64 = 10;
+/// CAVs decide one after the other, this far apart, so that each hears what the one before did.
+const STAGGER_STEPS: u64 = 8;
+
+/// What to run.
+#[derive(Debug, Clone)]
+pub struct RunConfig {
+    /// The scene.
+    pub scenario: Scenario,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Whether the CAVs share what they see and do.
+    pub sharing: bool,
+    /// Simulated seconds.
+    pub duration_s: f64,
+    /// Assumptions of the promise and comfort of the reference.
+    pub control: ControlSettings,
+}
+
+/// Why a run ends early.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// The scenario can't be built.
+    #[error(transparent)]
+    Scenario(#[from] ScenarioError),
+    /// A setting of the controller is unusable.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
+    /// A frame is refused or a network fails.
+    #[error(transparent)]
+    Perception(#[from] PerceiveError),
+    /// A CAV's own state is unusable.
+    #[error(transparent)]
+    Observation(#[from] InvalidObservation),
+    /// There is nobody to run.
+    #[error("scenario {0} has no CAV; give it a vehicle of kind \"cav\"")]
+    NoCav(String),
+    /// The observer refused a snapshot.
+    #[error("cannot record the run: {0}")]
+    Record(#[source] Box<dyn Error + Send + Sync>),
+}
+
+/// The closed loop at one instant, every 0.1 s, for whoever records it.
+pub struct Snapshot<'a> {
+    /// Time in seconds.
+    pub time_s: f64,
+    /// The truth.
+    pub traffic: &'a Traffic,
+    /// The truth, one row a vehicle.
+    pub rows: Vec<TraceRow>,
+    /// Pairs of CAVs between which messages pass.
+    pub links: &'a [(StationId, StationId)],
+    /// The CAV whose sensors are shown, at its perception frames.
+    pub focus: Option<FocusSnapshot<'a>>,
+}
+
+/// What one CAV measured and knows.
+pub struct FocusSnapshot<'a> {
+    /// The CAV.
+    pub station: StationId,
+    /// Mounting of its sensors.
+    pub calibration: &'a Calibration,
+    /// What it measured, where networks run.
+    pub frame: Option<&'a (SensorFrame, LaneMarks)>,
+    /// What it perceives in this frame, in its vehicle frame.
+    pub percepts: &'a [Percept],
+    /// What it knows.
+    pub tracks: Vec<Track>,
+    /// The messages of the CAVs within its range.
+    pub heard: Vec<&'a CollectivePerceptionMessage>,
+}
+
+/// Drives `config.scenario` once. `observe` is called every 0.1 s of simulated time.
+///
+/// # Errors
+/// When the scenario or a setting is unusable, perception fails or `observe` does.
+pub fn run(
+    config: &RunConfig,
+    senses: &mut Senses,
+    observe: &mut dyn FnMut(&Snapshot<'_>) -> Result<(), Box<dyn Error + Send + Sync>>,
+) -> Result<RunSummary, RunError> {
+    let mut loop_ = Loop::new(config)?;
+    let steps = (config.duration_s / STEP_S).round().max(0.0) as u64;
+    for step in 0..steps {
+        loop_.step(step, senses, observe)?;
+    }
+    Ok(loop_.summary())
+}
+
+struct Loop<'a> {
+    config: &'a RunConfig,
+    calibration: Calibration,
+    traffic: Traffic,
+    cavs: Vec<Cav>,
+    channel: Channel,
+    monitor: Monitor,
+    perception_steps: u64,
+    focus: usize,
+    sensed: Vec<Sensed>,
+    messages: Vec<CollectivePerceptionMessage>,
+    links: Vec<(StationId, StationId)>,
+    tally: Tally,
+    start: Instant,
+}
+
+/// Sums over the run.
+#[derive(Default)]
+struct Tally {
+    stages: StageWallTimes,
+    first_sight_s: BTreeMap<VehicleId, f64>,
+    hardest_braking_mps2: BTreeMap<VehicleId, f64>,
+    speed_sum: f64,
+    speed_count: usize,
+    comfort_sum: f64,
+    comfort_count: usize,
+    frames_perceived: usize,
+    bytes_shared: usize,
+}
+
+impl<'a> Loop<'a> {
+    fn new(config: &'a RunConfig) -> Result<Self, RunError> {
+        let traffic = Traffic::new(&config.scenario, config.seed)?;
+        let cavs: Vec<Cav> = traffic
+            .vehicles()
+            .iter()
+            .filter(|vehicle| vehicle.kind == VehicleKind::Cav)
+            .map(|vehicle| Cav::new(vehicle, traffic.road(), config.control))
+            .collect::<Result<_, _>>()?;
+        if cavs.is_empty() {
+            return Err(RunError::NoCav(config.scenario.name.clone()));
+        }
+        let perception_steps = (config.scenario.perception_period_s / STEP_S)
+            .round()
+            .max(1.0);
+        Ok(Self {
+            config,
+            calibration: Calibration::kitti(),
+            focus: cavs.len() / 2,
+            cavs,
+            channel: Channel::default(),
+            monitor: Monitor::new(config.control.safety),
+            perception_steps: perception_steps as u64,
+            sensed: Vec::new(),
+            messages: Vec::new(),
+            links: Vec::new(),
+            tally: Tally::default(),
+            traffic,
+            start: Instant::now(),
+        })
+    }
+
+    /// One step of 0.01 s, from the truth to the truth.
+    fn step(
+        &mut self,
+        step: u64,
+        senses: &mut Senses,
+        observe: &mut dyn FnMut(&Snapshot<'_>) -> Result<(), Box<dyn Error + Send + Sync>>,
+    ) -> Result<(), RunError> {
+        let has_frame = step.is_multiple_of(self.perception_steps);
+        if has_frame {
+            self.perceive(senses)?;
+        }
+        if self.config.sharing && step.is_multiple_of(MESSAGE_STEPS) {
+            self.share();
+        }
+        self.decide(step)?;
+        let inputs = self.control();
+        self.watch(step);
+        if step.is_multiple_of(TRACE_STEPS) {
+            self.record(has_frame, observe)?;
+        }
+        let start = Instant::now();
+        self.traffic.step(&inputs);
+        self.tally.stages.traffic_s += start.elapsed().as_secs_f64();
+        Ok(())
+    }
+
+    fn odometry(&self, cav: VehicleId) -> Odometry {
+        self.traffic
+            .vehicle(cav)
+            .map(Odometry::from)
+            .unwrap_or_default()
+    }
+
+    fn perceive(&mut self, senses: &mut Senses) -> Result<(), RunError> {
+        let start = Instant::now();
+        let scene = self.traffic.scene();
+        let rays = RayScene::new(&scene);
+        let ids: Vec<VehicleId> = self.cavs.iter().map(|cav| cav.id).collect();
+        self.tally.stages.sensors_s += start.elapsed().as_secs_f64();
+        let (sensed, times) =
+            senses.perceive(&scene, &rays, &self.calibration, &ids, self.config.seed)?;
+        self.tally.stages.sensors_s += times.sensors_s;
+        self.tally.stages.perception_s += times.perception_s;
+        self.tally.frames_perceived += sensed.len();
+        let start = Instant::now();
+        for (index, sensed) in sensed.iter().enumerate() {
+            let own = self.odometry(self.cavs[index].id);
+            self.cavs[index].perceive(
+                scene.time_s,
+                self.traffic.road(),
+                &self.calibration,
+                &own,
+                sensed,
+            );
+        }
+        self.sensed = sensed;
+        self.tally.stages.sharing_s += start.elapsed().as_secs_f64();
+        Ok(())
+    }
+
+    /// Every CAV broadcasts, and hears those within range.
+    fn share(&mut self) {
+        let start = Instant::now();
+        let time_s = self.traffic.time_s();
+        let own: Vec<Odometry> = self.cavs.iter().map(|cav| self.odometry(cav.id)).collect();
+        self.messages = self
+            .cavs
+            .iter_mut()
+            .zip(&own)
+            .map(|(cav, own)| cav.message(time_s, self.traffic.road(), own))
+            .collect();
+        let delivery = self.channel.deliver(&self.messages);
+        for cav in &mut self.cavs {
+            if let Some(inbox) = delivery.inboxes.get(&cav.station) {
+                cav.tracker.receive(time_s, inbox.iter().copied());
+            }
+        }
+        self.tally.bytes_shared += delivery.bytes_sent;
+        self.links = delivery.links;
+        self.tally.stages.sharing_s += start.elapsed().as_secs_f64();
+    }
+
+    fn decide(&mut self, step: u64) -> Result<(), RunError> {
+        let start = Instant::now();
+        let time_s = self.traffic.time_s();
+        for index in 0..self.cavs.len() {
+            if (step + STAGGER_STEPS * index as u64).is_multiple_of(BEHAVIOUR_STEPS) {
+                let own = self.odometry(self.cavs[index].id);
+                let cav = &mut self.cavs[index];
+                cav.decide(time_s, self.traffic.road(), &own)?;
+                self.tally.comfort_sum += comfort(own.accel_mps2, cav.mapped);
+                self.tally.comfort_count += 1;
+            }
+        }
+        self.tally.stages.planner_s += start.elapsed().as_secs_f64();
+        Ok(())
+    }
+
+    fn control(&mut self) -> BTreeMap<VehicleId, ControlInput> {
+        let start = Instant::now();
+        let time_s = self.traffic.time_s();
+        let mut inputs = BTreeMap::new();
+        for index in 0..self.cavs.len() {
+            let own = self.odometry(self.cavs[index].id);
+            let cav = &mut self.cavs[index];
+            let output = cav.control(time_s, self.traffic.road(), &own);
+            inputs.insert(cav.id, output.u);
+        }
+        self.tally.stages.control_s += start.elapsed().as_secs_f64();
+        inputs
+    }
+
+    /// Shows the truth to the monitor.
+    fn watch(&mut self, step: u64) {
+        let start = Instant::now();
+        let time_s = self.traffic.time_s();
+        let truth = TrueVehicle::all(&self.traffic);
+        if step.is_multiple_of(TRACE_STEPS) {
+            self.watch_sight(time_s, &truth);
+        }
+        let tracks: Vec<Vec<Track>> = self.cavs.iter().map(|cav| cav.tracks(time_s)).collect();
+        let views: Vec<CavView<'_>> = self
+            .cavs
+            .iter()
+            .zip(&tracks)
+            .map(|(cav, tracks)| CavView {
+                id: cav.id,
+                tracks,
+                manoeuvre: cav.manoeuvre(),
+            })
+            .collect();
+        let overlapping = self.traffic.overlapping_pairs();
+        self.monitor
+            .observe(time_s, self.traffic.road(), &truth, &views, overlapping);
+        for vehicle in self.traffic.vehicles() {
+            if vehicle.kind == VehicleKind::Obstacle {
+                continue;
+            }
+            self.tally.speed_sum += vehicle.state.speed_mps;
+            self.tally.speed_count += 1;
+            let hardest = self
+                .tally
+                .hardest_braking_mps2
+                .entry(vehicle.id)
+                .or_default();
+            *hardest = hardest.max(-vehicle.accel_mps2);
+        }
+        self.tally.stages.record_s += start.elapsed().as_secs_f64();
+    }
+
+    /// Who has line of sight to whom, from the LIDAR's place.
+    fn watch_sight(&mut self, time_s: f64, truth: &[TrueVehicle]) {
+        let scene = self.traffic.scene();
+        let rays = RayScene::new(&scene);
+        for cav in &self.cavs {
+            let pose = self.odometry(cav.id).state.pose.to_isometry();
+            let sensor = pose * self.calibration.vehicle_from_lidar;
+            let from = Point3::from(sensor.translation.vector);
+            for other in truth.iter().filter(|other| other.id != cav.id) {
+                let visible = in_line_of_sight(&scene, &rays, from, cav.id, other.id) > 0.0;
+                self.monitor.sight(cav.id, other.id, visible, time_s);
+                if visible && other.kind == VehicleKind::Obstacle {
+                    self.tally.first_sight_s.entry(cav.id).or_insert(time_s);
+                }
+            }
+        }
+    }
+
+    fn record(
+        &mut self,
+        has_frame: bool,
+        observe: &mut dyn FnMut(&Snapshot<'_>) -> Result<(), Box<dyn Error + Send + Sync>>,
+    ) -> Result<(), RunError> {
+        let start = Instant::now();
+        let time_s = self.traffic.time_s();
+        let focus = has_frame.then(|| {
+            let cav = &self.cavs[self.focus];
+            FocusSnapshot {
+                station: cav.station,
+                calibration: &self.calibration,
+                frame: self
+                    .sensed
+                    .get(self.focus)
+                    .and_then(|sensed| sensed.frame.as_ref()),
+                percepts: self
+                    .sensed
+                    .get(self.focus)
+                    .map_or(&[], |sensed| sensed.percepts.as_slice()),
+                tracks: cav.tracks(time_s),
+                heard: self
+                    .messages
+                    .iter()
+                    .filter(|message| {
+                        self.links.iter().any(|&(a, b)| {
+                            (a, b) == (cav.station, message.station)
+                                || (b, a) == (cav.station, message.station)
+                        })
+                    })
+                    .collect(),
+            }
+        });
+        let snapshot = Snapshot {
+            time_s,
+            traffic: &self.traffic,
+            rows: self.rows(time_s),
+            links: &self.links,
+            focus,
+        };
+        observe(&snapshot).map_err(RunError::Record)?;
+        self.tally.stages.record_s += start.elapsed().as_secs_f64();
+        Ok(())
+    }
+
+    fn rows(&self, time_s: f64) -> Vec<TraceRow> {
+        let run = if self.config.sharing {
+            "sharing"
+        } else {
+            "alone"
+        };
+        let road = self.traffic.road();
+        self.traffic
+            .vehicles()
+            .iter()
+            .map(|vehicle| {
+                let cav = self.cavs.iter().find(|cav| cav.id == vehicle.id);
+                let barriers = self.monitor.barriers_of(vehicle.id);
+                let dimensions = vehicle.dimensions();
+                let center = dimensions.center_pose(vehicle.state.pose).position();
+                let outcome: Option<FilterOutcome> = cav
+                    .and_then(|cav| cav.last_output.as_ref())
+                    .map(|output| output.outcome);
+                TraceRow {
+                    run,
+                    t_s: time_s,
+                    id: vehicle.id.0,
+                    kind: vehicle.kind,
+                    x_m: vehicle.state.pose.x_m,
+                    y_m: vehicle.state.pose.y_m,
+                    yaw_rad: vehicle.state.pose.yaw_rad,
+                    s_m: vehicle.frenet.s_m,
+                    d_m: vehicle.frenet.d_m,
+                    lane: road.lane_at(road.to_frenet_near(center, vehicle.frenet.s_m).d_m),
+                    v_mps: vehicle.state.speed_mps,
+                    a_mps2: vehicle.accel_mps2,
+                    length_m: dimensions.length_m,
+                    width_m: dimensions.width_m,
+                    action: cav.map(|cav| cav.preferred),
+                    mapped_action: cav.map(|cav| cav.mapped),
+                    outcome,
+                    h_m: barriers.map(|barriers| barriers.h_m),
+                    h0_m: barriers.map(|barriers| barriers.h0_m),
+                    headway_m: barriers.map(|barriers| barriers.headway_m),
+                    excused: barriers
+                        .and_then(|barriers| barriers.cause)
+                        .map_or("", |cause| cause.excuse()),
+                }
+            })
+            .collect()
+    }
+
+    fn summary(self) -> RunSummary {
+        let Self {
+            config,
+            cavs,
+            monitor,
+            tally,
+            start,
+            ..
+        } = self;
+        let mean = |sum: f64, count: usize| sum / count.max(1) as f64;
+        let vehicles: Vec<CavSummary> = cavs
+            .iter()
+            .map(|cav| CavSummary {
+                id: cav.station.0,
+                initial_lane: cav.initial_lane.get(),
+                first_line_of_sight_s: tally.first_sight_s.get(&cav.id).copied(),
+                lane_change_start_s: cav.lane_changes_s.first().copied(),
+                hardest_braking_mps2: tally
+                    .hardest_braking_mps2
+                    .get(&cav.id)
+                    .copied()
+                    .unwrap_or(0.0),
+                min_headway_m: monitor.min_headway_m(cav.id),
+            })
+            .collect();
+        let before_sight = |cav: &&CavSummary| match cav.lane_change_start_s {
+            Some(start_s) => cav
+                .first_line_of_sight_s
+                .is_none_or(|sight_s| start_s < sight_s),
+            None => false,
+        };
+        let violations = monitor.violations();
+        RunSummary {
+            sharing: config.sharing,
+            duration_s: config.duration_s,
+            mean_velocity_mps: mean(tally.speed_sum, tally.speed_count),
+            mean_comfort: mean(tally.comfort_sum, tally.comfort_count),
+            vehicles_stuck: monitor.stuck(),
+            lane_changes_before_sight: vehicles.iter().filter(before_sight).count(),
+            lane_changes: cavs.iter().map(|cav| cav.lane_changes_s.len()).sum(),
+            min_headway_m: vehicles
+                .iter()
+                .filter_map(|cav| cav.min_headway_m)
+                .reduce(f64::min),
+            hardest_braking_mps2: vehicles
+                .iter()
+                .map(|cav| cav.hardest_braking_mps2)
+                .fold(0.0, f64::max),
+            collisions: monitor.collisions(),
+            unsafe_actions: monitor.unsafe_actions(),
+            violations: violations.values().sum(),
+            violations_unattributed: violations.get(&Cause::Unattributed).copied().unwrap_or(0),
+            violations_by_cause: violations
+                .iter()
+                .map(|(cause, count)| (cause.name().to_owned(), *count))
+                .collect(),
+            emergency_stops: cavs.iter().map(|cav| cav.emergency_stops).sum(),
+            frames_perceived: tally.frames_perceived,
+            bytes_shared: tally.bytes_shared,
+            wall_s: start.elapsed().as_secs_f64(),
+            stages: tally.stages,
+            rrd: String::new(),
+            vehicles,
+        }
+    }
+}
