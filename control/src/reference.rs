@@ -67,7 +67,7 @@ fn accel(
                 settings.safety.collision_margin_m
             } else {
                 ahead.headway_bumper_m(leader.length_m, &settings.safety)
-            } + reference.standstill_gap_m;
+            };
             let time_gap_s = if leaving { 0.0 } else { reference.time_gap_s };
             let gap = ahead.measured(leader);
             following = following.min(follow_mps2(gap, keep_m, time_gap_s, settings));
@@ -86,14 +86,21 @@ fn accel(
         .max(-v / STEP_S)
 }
 
-/// The intelligent driver model's interaction: a (1 - (s* / gap)^2).
+/// The intelligent driver model's interaction a (1 - (s* / s)^2), where s is the gap beyond the
+/// one to keep. A gap that is too small but does not close is opened comfortably.
 fn follow_mps2(gap: Gap, keep_m: f64, time_gap_s: f64, settings: &ControlSettings) -> f64 {
     let reference = &settings.reference;
-    let v = gap.speed_mps;
+    let (v, closing_mps) = (gap.speed_mps, gap.speed_mps - gap.leader_mps);
     let comfort = 2.0 * (reference.accel_mps2 * reference.brake_mps2).sqrt();
-    let dynamic = (v * time_gap_s + v * (v - gap.leader_mps) / comfort).max(0.0);
-    let wanted_m = keep_m + dynamic;
-    reference.accel_mps2 * (1.0 - (wanted_m / gap.gap_m.max(0.1)).powi(2))
+    let dynamic_m = (v * time_gap_s + v * closing_mps / comfort).max(0.0);
+    let wanted_m = reference.standstill_gap_m + dynamic_m;
+    let room_m = (gap.gap_m - keep_m).max(0.1);
+    let hardest = if closing_mps < 1.0 {
+        reference.brake_mps2
+    } else {
+        reference.brake_max_mps2
+    };
+    (reference.accel_mps2 * (1.0 - (wanted_m / room_m).powi(2))).max(-hardest)
 }
 
 fn curve_speed_mps(situation: &Situation<'_>, settings: &ControlSettings) -> f64 {

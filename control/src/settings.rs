@@ -126,7 +126,7 @@ impl Default for ReferenceSettings {
             brake_mps2: 2.0,
             brake_max_mps2: 4.0,
             jerk_mps3: 6.0,
-            time_gap_s: 1.0,
+            time_gap_s: 0.8,
             standstill_gap_m: 1.0,
             lane_change_s: 4.0,
             lane_change_min_m: 12.0,

@@ -199,12 +199,13 @@ def main() -> None:
         update_average(average, model, step)
         trained_s = earlier_s + time.monotonic() - started
         for name, part in {"total": total, **parts}.items():
-            sums[name] = sums.get(name, 0.0) + float(part.detach()) / LOG_EVERY
+            sums.setdefault(name, []).append(float(part.detach()))
         bar.update()
         if step % LOG_EVERY == 0:
             rate = optimizer.param_groups[0]["lr"]
-            curves.append({"step": step, "minutes": trained_s / 60, "learning_rate": rate, **sums})
-            bar.set_postfix({k: f"{v:.3f}" for k, v in sums.items()}, refresh=False)
+            means = {name: float(np.mean(values)) for name, values in sums.items()}
+            curves.append({"step": step, "minutes": trained_s / 60, "learning_rate": rate, **means})
+            bar.set_postfix({k: f"{v:.3f}" for k, v in means.items()}, refresh=False)
             sums = {}
         if time.monotonic() - last_save > 60 * args.save_every_minutes:
             save()

@@ -254,6 +254,8 @@ struct CurvatureAhead {
     first_m: f64,
     /// |kappa| / (1 - |kappa| d_max) up to the end of each stretch.
     running_max: [f64; STRETCHES],
+    /// The same of the whole road, which stands for what lies beyond.
+    sharpest: f64,
 }
 
 const STRETCH_M: f64 = 8.0;
@@ -272,12 +274,16 @@ impl CurvatureAhead {
         Self {
             first_m,
             running_max,
+            sharpest: road_curvature(road.sharpest_per_m(), road),
         }
     }
 
     fn up_to(&self, s_m: f64) -> f64 {
         let stretch = ((s_m - self.first_m) / STRETCH_M).max(0.0) as usize;
-        self.running_max[stretch.min(STRETCHES - 1)]
+        self.running_max
+            .get(stretch)
+            .copied()
+            .unwrap_or(self.sharpest)
     }
 }
 

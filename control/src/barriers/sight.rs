@@ -29,11 +29,16 @@ pub fn row(ahead: &Ahead<'_>, clear_s_m: f64, settings: &SafetySettings) -> Row 
     Row::at_most(BarrierKind::Sight, Input::Accel, upper, h)
 }
 
+/// Sight beyond this changes nothing.
+const FARTHEST_M: f64 = 1e4;
+
 /// From the ego vehicle's front to the end of what is seen, along the lane.
 pub fn gap(ahead: &Ahead<'_>, clear_s_m: f64) -> Gap {
     let reach = ArcRates::new(ahead.road, ahead.off_center_m).high * ahead.ego.front_reach_m();
+    let from_m = ahead.ego.frenet.s_m;
+    let to_m = clear_s_m.clamp(from_m, from_m + FARTHEST_M);
     Gap {
-        gap_m: lane_arc_m(ahead.road, ahead.lane, ahead.ego.frenet.s_m, clear_s_m) - reach,
+        gap_m: lane_arc_m(ahead.road, ahead.lane, from_m, to_m) - reach,
         speed_mps: ahead.ego.state.speed_mps,
         leader_mps: 0.0,
     }

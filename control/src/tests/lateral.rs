@@ -27,6 +27,17 @@ fn campaign(road: &Road, top_mps: f64, seed: u64, laps: usize) -> (f64, usize, f
             }
             let u = drive.with_situation(|_, situation| {
                 let rows = rows(situation, &Course::keep(lane(1)), &safety);
+                if rows.h_lateral_m < lowest.min(-1e-6) {
+                    eprintln!(
+                        "DBG step {step} {:?} v {} h {} bounds {:?} tan {} a {}",
+                        situation.ego.frenet,
+                        situation.ego.state.speed_mps,
+                        rows.h_lateral_m,
+                        rows.bounds,
+                        reference.tan_delta,
+                        reference.accel_mps2
+                    );
+                }
                 lowest = lowest.min(rows.h_lateral_m);
                 let (mut least, mut most) = (-rows.bounds.tan_delta, rows.bounds.tan_delta);
                 for row in rows.hard.iter().filter(|row| row.input == Input::TanDelta) {

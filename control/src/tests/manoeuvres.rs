@@ -69,9 +69,6 @@ fn a_vehicle_stops_behind_a_stopped_one_and_stays_outside_the_headway() {
     let mut hardest = 0.0_f64;
     for _ in 0..3000 {
         let output = drive.control();
-        if output.u.accel_mps2 < hardest - 0.5 || output.outcome != FilterOutcome::Nominal {
-            eprintln!("{} {:?} {:?}", drive.time_s, drive.state.speed_mps, output);
-        }
         hardest = hardest.min(output.u.accel_mps2);
         drive.apply(output.u);
     }
