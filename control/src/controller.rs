@@ -146,7 +146,7 @@ impl Controller {
         }
         self.advance(situation);
         let course = self.course(situation);
-        let rows = rows(situation, &course, &self.settings.safety);
+        let mut rows = rows(situation, &course, &self.settings.safety);
         let path = *self.path.get_or_insert_with(|| {
             let lane = self.manoeuvre.lane();
             LateralPath::constant(situation.road.lane_center_m(lane))
@@ -161,12 +161,15 @@ impl Controller {
         if self.action == Action::EmergencyStop {
             u_nominal.accel_mps2 = rows.bounds.accel_min_mps2;
         }
+        let rear_needs_mps2 = rows
+            .rear
+            .iter()
+            .map(|row| row.lower.min(rows.bounds.accel_max_mps2))
+            .fold(f64::NEG_INFINITY, f64::max);
+        self.yield_to_front(&mut rows);
         let filtered = filter(u_nominal, &rows, self.last.tan_delta);
         self.last = filtered.u;
-        let rear_needs = rows.rear.iter().map(|row| row.lower);
-        let rear_slack_mps2 = rear_needs.fold(0.0, |slack: f64, lower| {
-            slack.max(lower - filtered.u.accel_mps2)
-        });
+        let rear_slack_mps2 = (rear_needs_mps2 - filtered.u.accel_mps2).max(0.0);
         ControlOutput {
             u: filtered.u,
             u_nominal,
@@ -177,6 +180,17 @@ impl Controller {
             binding: filtered.binding,
             excused: self.excuses(situation, &rows),
             rear_slack_mps2,
+        }
+    }
+
+    /// A lane change that has begun does not brake for comfort before a follower, but speeds up
+    /// for none, and an emergency stop heeds none.
+    fn yield_to_front(&self, rows: &mut Rows) {
+        if self.action == Action::EmergencyStop {
+            rows.rear.clear();
+        }
+        for row in &mut rows.rear {
+            row.lower = row.lower.min(0.0);
         }
     }
 

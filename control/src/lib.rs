@@ -16,6 +16,9 @@
 //! one component of u (module `barriers`), so the QP's rows carry no linearisation error. A gap is
 //! the arc length of the lane itself from the ego vehicle's front to the other's rear bumper.
 //!
+//! After a lane change has begun the rows towards followers are no longer hard: what they lack is
+//! reported as [`ControlOutput::rear_slack_mps2`].
+//!
 //! The flow of one step is [`Controller::control`]: manoeuvre, reference, rows, filter.
 
 mod barriers;

@@ -82,7 +82,7 @@ impl Default for SafetySettings {
             counter_curvature_min_per_m: 0.003,
             error_sigmas: 3.0,
             position_error_max_m: 1.5,
-            speed_error_max_mps: 1.5,
+            speed_error_max_mps: 4.0,
             lane_entry_m: 0.2,
             sight_range_m: 65.0,
             sight_memory_s: 1.0,

@@ -285,25 +285,29 @@ fn focus_frame(road: &Road, run: &RunSeries, step: usize) -> FocusFrame {
 fn cloud(road: &Road, pose: Se2Pose) -> PointCloud {
     const HEIGHT_M: f64 = 1.73;
     let s_hint = road.to_frenet(pose.position()).s_m;
-    let points = (0..48).flat_map(|ring| {
-        let elevation = (2.0 - f64::from(ring) * 0.55).to_radians();
-        (0..1500).filter_map(move |i| {
-            let azimuth = f64::from(i) / 1500.0 * TAU;
+    let points = (0..32).flat_map(|ring| {
+        let elevation = (2.0 - f64::from(ring) * 0.8).to_radians();
+        (0..800).filter_map(move |i| {
+            let azimuth = f64::from(i) / 800.0 * TAU;
             let ground = if elevation < 0.0 {
                 HEIGHT_M / -elevation.tan()
             } else {
                 f64::INFINITY
             };
             let (sin, cos) = azimuth.sin_cos();
-            let to_wall = (1..160).map(|k| f64::from(k) * 0.5).find(|range| {
+            let to_wall = (1..80).map(f64::from).find(|range| {
                 let at = pose.transform(Vector2::new(range * cos, range * sin));
                 let point = road.to_frenet_near(at, s_hint + range * cos);
                 point.d_m > WALL_D_M && (180.0..324.0).contains(&point.s_m)
             });
             let range = ground.min(to_wall.unwrap_or(f64::INFINITY));
             let z = range * elevation.tan();
-            (range < 80.0 && z < 1.3)
-                .then_some([(range * cos) as f32, (range * sin) as f32, z as f32, 0.3])
+            (range < 80.0 && z < 1.3).then_some([
+                (range * cos) as f32,
+                (range * sin) as f32,
+                z as f32,
+                0.3,
+            ])
         })
     });
     PointCloud {

@@ -113,6 +113,7 @@ impl Layout<'_> {
                         .with_position(eye)
                         .with_look_target(target),
                 ),
+                ("Background", &background()),
                 (
                     "LineGrid3D",
                     &archetypes::LineGrid3D::new().with_visible(false),
@@ -131,6 +132,7 @@ impl Layout<'_> {
                         .with_kind(components::Eye3DKind::Orbital)
                         .with_tracking_entity(EGO),
                 ),
+                ("Background", &background()),
                 (
                     "LineGrid3D",
                     &archetypes::LineGrid3D::new().with_visible(false),
@@ -253,6 +255,11 @@ impl Layout<'_> {
     }
 }
 
+fn background() -> archetypes::Background {
+    archetypes::Background::new(components::BackgroundKind::SolidColor)
+        .with_color(rerun::Color::from_rgb(22, 24, 28))
+}
+
 fn uuid_bytes(id: u64) -> rerun::datatypes::Uuid {
     let bytes = (0x4000_8000_0000_0000_0000 | u128::from(id)).to_be_bytes();
     rerun::datatypes::Uuid { bytes }
@@ -274,15 +281,15 @@ fn eye_on_corner(road: &Road) -> ([f32; 3], [f32; 3]) {
         .unwrap_or(length_m / 2.0);
     let outside = if road.curvature(s_m) > 0.0 { -1.0 } else { 1.0 };
     let target = road.from_frenet(FrenetPoint {
-        s_m: s_m - 15.0,
+        s_m: s_m - 40.0,
         d_m: 0.0,
     });
     let eye = road.from_frenet(FrenetPoint {
-        s_m: s_m - 50.0,
-        d_m: outside * 45.0,
+        s_m: s_m - 75.0,
+        d_m: outside * 48.0,
     });
     (
-        [eye.x as f32, eye.y as f32, 45.0],
+        [eye.x as f32, eye.y as f32, 62.0],
         [target.x as f32, target.y as f32, 0.0],
     )
 }

@@ -90,9 +90,13 @@ impl Class {
     }
 }
 
-/// Entity path of a vehicle.
-pub fn vehicle_path(label: &str) -> rerun::EntityPath {
-    rerun::EntityPath::parse_forgiving("world/vehicles").join(&label.into())
+/// Folder of the vehicles' bodies.
+const BODIES: &str = "world/vehicles";
+
+/// Entity path of what `folder` holds for the vehicle with this label.
+pub fn path_of(folder: &str, label: &str) -> rerun::EntityPath {
+    let name = label.replace(' ', "-");
+    rerun::EntityPath::from(folder).join(&rerun::EntityPath::from_single_string(name))
 }
 
 /// Logs the vehicles' bodies, which [`log_vehicles`] then moves.
@@ -106,7 +110,7 @@ pub fn log_bodies(
             .with_class_ids([class.id()])
             .with_labels([vehicle.label.as_str()])
             .with_show_labels(true);
-        stream.log_static(vehicle_path(&vehicle.label), &body)?;
+        stream.log_static(path_of(BODIES, &vehicle.label), &body)?;
     }
     Ok(())
 }
@@ -144,7 +148,10 @@ pub fn log_vehicles(
         let Some(info) = scene.vehicles.iter().find(|info| info.id == vehicle.id) else {
             continue;
         };
-        stream.log(vehicle_path(&info.label), &ground_transform(vehicle.pose))?;
+        stream.log(
+            path_of(BODIES, &info.label),
+            &ground_transform(vehicle.pose),
+        )?;
         let center = info.dimensions.center_pose(vehicle.pose);
         let roof_m = info.dimensions.height_m + 0.3;
         roofs.insert(

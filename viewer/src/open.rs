@@ -17,6 +17,8 @@ pub fn open_viewer(paths: &[impl AsRef<Path>]) -> Result<(), ViewerError> {
         }
     }
     find_viewer()?
+        // Nobody but this machine shall be able to send to it.
+        .args(["--bind", "127.0.0.1"])
         .args(paths.iter().map(AsRef::as_ref))
         .stdin(Stdio::null())
         .stdout(Stdio::null())

@@ -1,6 +1,5 @@
-use crate::VehicleKind;
-
 /// Colours that people with any common colour blindness can tell apart (Okabe and Ito, 2008).
+pub const BLACK: Rgb = [20, 20, 20];
 pub const ORANGE: Rgb = [230, 159, 0];
 pub const SKY_BLUE: Rgb = [86, 180, 233];
 pub const GREEN: Rgb = [0, 158, 115];
@@ -12,15 +11,6 @@ pub const GREY: Rgb = [150, 150, 150];
 
 /// Red, green, blue.
 pub type Rgb = [u8; 3];
-
-/// The colour of a vehicle of `kind`.
-pub fn kind_color(kind: VehicleKind) -> Rgb {
-    match kind {
-        VehicleKind::Cav => BLUE,
-        VehicleKind::Human => ORANGE,
-        VehicleKind::Obstacle => VERMILLION,
-    }
-}
 
 /// The colour of the `index`-th curve of a diagram.
 pub fn series_color(index: usize) -> Rgb {

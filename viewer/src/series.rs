@@ -1,6 +1,7 @@
 use covista_world::{Action, FilterOutcome, LaneIndex};
 use rerun::{RecordingStream, RecordingStreamResult};
 
+use crate::objects::path_of;
 use crate::palette::{self, Rgb};
 use crate::{SceneRecord, StepRecord, VehicleInfo, VehicleKind, VehicleStep};
 
@@ -108,10 +109,6 @@ fn lane_name(lane: LaneIndex) -> &'static str {
 #[derive(Debug, Default)]
 pub struct StateMemory(std::collections::BTreeMap<(u32, &'static str), Option<&'static str>>);
 
-fn path(folder: &str, vehicle: &VehicleInfo) -> rerun::EntityPath {
-    rerun::EntityPath::parse_forgiving(folder).join(&vehicle.label.as_str().into())
-}
-
 fn cavs(scene: &SceneRecord) -> impl Iterator<Item = &VehicleInfo> {
     scene
         .vehicles
@@ -124,7 +121,7 @@ pub fn log_styles(stream: &RecordingStream, scene: &SceneRecord) -> RecordingStr
     for (index, cav) in cavs(scene).enumerate() {
         for curve in &CURVES {
             stream.log_static(
-                path(curve.folder, cav),
+                path_of(curve.folder, &cav.label),
                 &rerun::SeriesLines::new()
                     .with_names([cav.label.as_str()])
                     .with_colors([rerun::Color::from(palette::series_color(index))])
@@ -133,7 +130,7 @@ pub fn log_styles(stream: &RecordingStream, scene: &SceneRecord) -> RecordingStr
         }
         for state in &STATES {
             stream.log_static(
-                path(state.folder, cav),
+                path_of(state.folder, &cav.label),
                 &rerun::StateConfiguration::new()
                     .with_values(state.values.iter().map(|(name, _)| *name))
                     .with_colors(state.values.iter().map(|(_, rgb)| rerun::Color::from(*rgb))),
@@ -157,13 +154,16 @@ pub fn log_series(
         for curve in &CURVES {
             // A gap in the curve where there is no value.
             let value = (curve.value)(vehicle).unwrap_or(f64::NAN);
-            stream.log(path(curve.folder, cav), &rerun::Scalars::single(value))?;
+            stream.log(
+                path_of(curve.folder, &cav.label),
+                &rerun::Scalars::single(value),
+            )?;
         }
         for state in &STATES {
             let value = (state.value)(vehicle);
             if memory.0.insert((cav.id, state.folder), value) != Some(value) {
                 stream.log(
-                    path(state.folder, cav),
+                    path_of(state.folder, &cav.label),
                     &rerun::StateChange::new().with_state_opt([value]),
                 )?;
             }

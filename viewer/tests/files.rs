@@ -2,7 +2,7 @@
 
 #![allow(clippy::expect_used)]
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use covista_viewer::{
     FocusFrame, Recording, RunSeries, SceneRecord, SceneryPart, StepRecord, VehicleInfo,
@@ -110,6 +110,22 @@ fn runs() -> Vec<RunSeries> {
         .into()
 }
 
+/// An empty folder of a test's own.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(test: &str) -> Self {
+        let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(test);
+        std::fs::remove_dir_all(&path).ok();
+        std::fs::create_dir_all(&path).expect("a folder");
+        Self(path)
+    }
+
+    fn path(&self) -> &Path {
+        &self.0
+    }
+}
+
 fn names(folder: &Path) -> Vec<String> {
     let entries = std::fs::read_dir(folder).expect("a folder");
     let mut names: Vec<_> = entries
@@ -122,7 +138,7 @@ fn names(folder: &Path) -> Vec<String> {
 
 #[test]
 fn a_finished_recording_is_a_whole_rrd_file() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new("a_finished_recording_is_a_whole_rrd_file");
     let path = folder.path().join("run.rrd");
     let mut recording = Recording::create(&path, scene()).expect("created");
     recording.log_step(&step(3.0)).expect("logged");
@@ -132,12 +148,12 @@ fn a_finished_recording_is_a_whole_rrd_file() {
     let bytes = std::fs::read(&path).expect("read");
     assert_eq!(&bytes[..3], b"RRF");
     let has = |name: &[u8]| bytes.windows(name.len()).any(|window| window == name);
-    assert!(has(b"/world/vehicles/CAV"), "the vehicle is recorded");
+    assert!(has(b"/world/vehicles/CAV-1"), "the vehicle is recorded");
 }
 
 #[test]
 fn an_unfinished_recording_leaves_nothing() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new("an_unfinished_recording_leaves_nothing");
     let recording = Recording::create(&folder.path().join("run.rrd"), scene()).expect("created");
     drop(recording);
     assert!(names(folder.path()).is_empty());
@@ -164,7 +180,7 @@ fn a_missing_folder_is_one_clear_line() {
 
 #[test]
 fn a_number_that_is_not_finite_is_named() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new("a_number_that_is_not_finite_is_named");
     let mut recording =
         Recording::create(&folder.path().join("run.rrd"), scene()).expect("created");
     let message = recording
@@ -179,7 +195,7 @@ fn a_number_that_is_not_finite_is_named() {
 
 #[test]
 fn plots_are_pictures_of_the_announced_width() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new("plots_are_pictures_of_the_announced_width");
     let (paths, speeds) = (folder.path().join("xy.png"), folder.path().join("v.png"));
     plot_trajectories(&paths, &road(), &[wall()], &runs()).expect("drawn");
     plot_speeds(&speeds, &runs()).expect("drawn");
@@ -197,7 +213,7 @@ fn plots_are_pictures_of_the_announced_width() {
 
 #[test]
 fn no_runs_and_empty_runs_draw_empty_plots() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = Folder::new("no_runs_and_empty_runs_draw_empty_plots");
     let empty = RunSeries {
         title: String::new(),
         vehicles: Vec::new(),

@@ -151,7 +151,9 @@ impl<'a> Lateral<'a> {
     fn front_row(&self, side: Side, next_mps: f64, limit: f64) -> Row {
         let h = self.front_h_m(side);
         let room = self.edge_m(side) - side.sign() * self.next_d_m - target(h, self.settings.eta);
-        let fits = |psi: f64| self.excursion_m(self.next_s_m, next_mps, psi) <= room + 1e-9;
+        // The road of the return manoeuvre is cut in stretches: a heading must not end on a cut.
+        let next_s_m = self.next_s_m + 1e-6;
+        let fits = |psi: f64| self.excursion_m(next_s_m, next_mps, psi) <= room + 1e-9;
         self.steering_row(side, h, limit, fits)
     }
 

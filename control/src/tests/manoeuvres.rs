@@ -206,3 +206,25 @@ fn a_running_change_excludes_the_other_direction() {
     assert_eq!(drive.verdict(Action::ChangeLeft), ActionVerdict::Safe);
     assert_eq!(drive.verdict(Action::KeepLane), ActionVerdict::Safe);
 }
+
+#[test]
+fn a_follower_is_given_way_only_while_the_front_allows() {
+    let mut drive = Drive::new(straight(), 1, 100.0, 14.0);
+    drive.controller.set_action(Action::ChangeLeft, 0.0);
+    for _ in 0..230 {
+        let output = drive.control();
+        drive.apply(output.u);
+    }
+    // Past the middle there is no way back: somebody races up from behind.
+    let s_m = drive.ego().frenet.s_m;
+    drive.others = vec![Other::new(6, s_m - 30.0, 3.5, 22.0)];
+    drive.desired_mps = 8.0;
+    let output = drive.control();
+    assert!(output.rear_slack_mps2 > 0.0, "{output:?}");
+    assert!(output.u.accel_mps2.abs() < 1e-6, "{output:?}");
+    drive
+        .controller
+        .set_action(Action::EmergencyStop, drive.time_s);
+    let output = drive.control();
+    assert!((output.u.accel_mps2 + 8.0).abs() < 1e-9, "{output:?}");
+}

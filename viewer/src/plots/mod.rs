@@ -138,7 +138,7 @@ fn colors(run: &RunSeries) -> Vec<RGBColor> {
             rgb(match vehicle.info.kind {
                 VehicleKind::Cav => palette::series_color(cavs.next().unwrap_or(0)),
                 VehicleKind::Human => palette::GREY,
-                VehicleKind::Obstacle => palette::kind_color(VehicleKind::Obstacle),
+                VehicleKind::Obstacle => palette::BLACK,
             })
         })
         .collect()

@@ -28,7 +28,7 @@ fn draw<'a>(area: &Area<'a>, runs: &[RunSeries]) -> Result<(), DrawError<'a>> {
     let end_s = samples().fold(1.0, |max: f64, sample| max.max(sample.time_s));
     let top_mps = samples().fold(1.0, |max: f64, sample| max.max(sample.speed_mps)) * 1.08;
     let (panels, legend) = area.split_horizontally(WIDTH_PX - LEGEND_PX);
-    for (run, panel) in runs.iter().zip(panels.split_evenly((runs.len(), 1))) {
+    for (run, panel) in runs.iter().zip(panels.split_evenly((runs.len().max(1), 1))) {
         draw_panel(&titled(&panel, &run.title)?, run, end_s, top_mps)?;
     }
     let mut keys = runs.first().map(vehicle_keys).unwrap_or_default();

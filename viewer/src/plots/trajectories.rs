@@ -20,6 +20,9 @@ const SCENERY: RGBColor = RGBColor(120, 120, 120);
 const ASPHALT: RGBColor = RGBColor(238, 238, 236);
 const LANE_LINE: RGBColor = RGBColor(200, 200, 200);
 
+/// A scene wider than this, as height over width, has its panels one below the other.
+const WIDE_BELOW: f64 = 0.7;
+
 type Point = (f64, f64);
 
 /// Draws the paths of all vehicles from above, one panel for each run, 1800 pixels wide, around
@@ -34,14 +37,19 @@ pub fn plot_trajectories(
     runs: &[RunSeries],
 ) -> Result<(), ViewerError> {
     let window = Window::around(runs);
-    let panel_width_px = (WIDTH_PX - LEGEND_PX) / runs.len().max(1) as u32;
+    let (rows, columns) = if window.aspect() < WIDE_BELOW {
+        (runs.len().max(1), 1)
+    } else {
+        (1, runs.len().max(1))
+    };
+    let panel_width_px = (WIDTH_PX - LEGEND_PX) / columns as u32;
     let plot_width_px = panel_width_px - Y_LABELS_PX - 2 * MARGIN_PX;
     let plot_height_px = (window.aspect() * f64::from(plot_width_px)).clamp(300.0, 1200.0);
     let window = window.with_aspect(plot_height_px / f64::from(plot_width_px));
     let height_px = plot_height_px as u32 + TITLE_PX + X_LABELS_PX + 2 * MARGIN_PX;
-    draw_png(path, [WIDTH_PX, height_px], |area| {
+    draw_png(path, [WIDTH_PX, rows as u32 * height_px], |area| {
         let (panels, legend) = area.split_horizontally(WIDTH_PX - LEGEND_PX);
-        for (run, panel) in runs.iter().zip(panels.split_evenly((1, runs.len().max(1)))) {
+        for (run, panel) in runs.iter().zip(panels.split_evenly((rows, columns))) {
             let backdrop = Backdrop { road, scenery };
             draw_panel(&titled(&panel, &run.title)?, &window, &backdrop, run)?;
         }
@@ -54,10 +62,7 @@ fn keys(runs: &[RunSeries]) -> Vec<(Key, String)> {
     keys.extend([
         (Key::Triangle(INK), "lane change begins".to_owned()),
         (Key::Dot(INK), "end of the run".to_owned()),
-        (
-            Key::Block(rgb(palette::VERMILLION)),
-            "stationary".to_owned(),
-        ),
+        (Key::Block(rgb(palette::BLACK)), "stationary".to_owned()),
         (Key::Block(SCENERY), "walls, buildings".to_owned()),
     ]);
     keys
