@@ -289,13 +289,21 @@ impl KnownObject {
     pub fn track(&self, own: StationId, now_s: f64, settings: &TrackerSettings) -> Option<Track> {
         let known = self.at(now_s, settings)?;
         let report = self.fresh_report(now_s, settings);
+        let measured = match (report, &self.fused) {
+            (Some(report), _) => report.at(report.time_s()),
+            (None, Some(fused)) => {
+                let measured_s = fused.belief().filter.time_s;
+                self.at(measured_s, settings)?
+            }
+            (None, None) => return None,
+        };
         Some(Track {
             id: self.id,
             station: self.station,
             state: known.state,
             time_s: now_s,
-            position_std_m: known.position_std_m(),
-            velocity_std_mps: known.velocity_std_mps,
+            position_std_m: measured.position_std_m(),
+            velocity_std_mps: measured.velocity_std_mps,
             lane: self.lane(own, now_s, settings),
             action: report.map(|report| report.action),
             announced_s: report.map(|report| report.announced_s),

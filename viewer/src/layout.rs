@@ -3,7 +3,7 @@
 //! It is written as rerun's own `Blueprint` writes it, message by message, because that type can
 //! not yet place the eye of a 3D view.
 
-use covista_world::{FrenetPoint, Road};
+use covista_world::{FrenetPoint, Road, StationId};
 use rerun::external::re_log_types::BlueprintActivationCommand;
 use rerun::external::re_sdk_types::blueprint::{archetypes, components};
 use rerun::{
@@ -11,7 +11,8 @@ use rerun::{
 };
 
 use crate::SceneRecord;
-use crate::perception::{CAMERA, EGO};
+use crate::objects::{BODIES, path_of};
+use crate::perception::CAMERA;
 use crate::recording::TIMELINE;
 
 /// Sends the layout with the recording, as the application's default and active one.
@@ -99,12 +100,40 @@ impl Layout<'_> {
     }
 
     fn world_views(&mut self, scene: &SceneRecord) -> RecordingStreamResult<Part> {
-        let (eye, target) = eye_on_corner(&scene.road);
-        let corner = self.view(
+        let corner = self.world_view("World", "world", eye_on_corner(&scene.road))?;
+        let focus = scene
+            .vehicles
+            .iter()
+            .find(|vehicle| StationId(vehicle.id) == scene.focus);
+        let body = focus.map_or_else(
+            || "world".to_owned(),
+            |vehicle| path_of(BODIES, &vehicle.label).to_string(),
+        );
+        let follow = self.world_view(
+            "Follow the chosen CAV",
+            &body,
+            ([-22.0, 0.0, 11.0], [14.0, 0.0, 0.0]),
+        )?;
+        let text = self.view("TextDocument", "About", "description", &["$origin"], &[])?;
+        self.container(
+            components::ContainerKind::Tabs,
+            &[corner, follow, text],
+            &[],
+        )
+    }
+
+    /// A 3D view in the frame of `origin`, with an eye at one point that looks at another.
+    fn world_view(
+        &mut self,
+        name: &str,
+        origin: &str,
+        (eye, target): ([f32; 3], [f32; 3]),
+    ) -> RecordingStreamResult<Part> {
+        self.view(
             "3D",
-            "World",
-            "world",
-            &["$origin/**", &format!("- {CAMERA}/**")],
+            name,
+            origin,
+            &["+ /world/**", &format!("- /{CAMERA}/**")],
             &[
                 (
                     "EyeControls3D",
@@ -119,31 +148,6 @@ impl Layout<'_> {
                     &archetypes::LineGrid3D::new().with_visible(false),
                 ),
             ],
-        )?;
-        let follow = self.view(
-            "3D",
-            "Follow the chosen CAV",
-            "world",
-            &["$origin/**"],
-            &[
-                (
-                    "EyeControls3D",
-                    &archetypes::EyeControls3D::new()
-                        .with_kind(components::Eye3DKind::Orbital)
-                        .with_tracking_entity(EGO),
-                ),
-                ("Background", &background()),
-                (
-                    "LineGrid3D",
-                    &archetypes::LineGrid3D::new().with_visible(false),
-                ),
-            ],
-        )?;
-        let text = self.view("TextDocument", "About", "description", &["$origin"], &[])?;
-        self.container(
-            components::ContainerKind::Tabs,
-            &[corner, follow, text],
-            &[],
         )
     }
 

@@ -50,8 +50,8 @@ impl Class {
 
     fn name_and_color(self) -> (&'static str, Rgb, &'static str) {
         match self {
-            Self::Cav => ("CAV", palette::BLUE, "blue"),
-            Self::FocusCav => ("chosen CAV", palette::SKY_BLUE, "sky blue"),
+            Self::Cav => ("CAV", palette::SKY_BLUE, "sky blue"),
+            Self::FocusCav => ("chosen CAV", palette::WHITE, "white"),
             Self::Human => ("human driver", palette::ORANGE, "orange"),
             Self::Obstacle => ("stationary vehicle", palette::VERMILLION, "vermillion"),
             Self::SeenByItself => ("seen by the chosen CAV", palette::GREEN, "green"),
@@ -91,7 +91,7 @@ impl Class {
 }
 
 /// Folder of the vehicles' bodies.
-const BODIES: &str = "world/vehicles";
+pub const BODIES: &str = "world/vehicles";
 
 /// Entity path of what `folder` holds for the vehicle with this label.
 pub fn path_of(folder: &str, label: &str) -> rerun::EntityPath {
@@ -167,7 +167,8 @@ pub fn log_vehicles(
         "world/v2v",
         &rerun::LineStrips3D::new(links)
             .with_class_ids([Class::Link.id()])
-            .with_radii([rerun::Radius::new_ui_points(1.0)]),
+            .with_show_labels(false)
+            .with_radii([rerun::Radius::new_ui_points(1.5)]),
     )
 }
 

@@ -1,5 +1,6 @@
 /// Colours that people with any common colour blindness can tell apart (Okabe and Ito, 2008).
 pub const BLACK: Rgb = [20, 20, 20];
+pub const WHITE: Rgb = [235, 235, 235];
 pub const ORANGE: Rgb = [230, 159, 0];
 pub const SKY_BLUE: Rgb = [86, 180, 233];
 pub const GREEN: Rgb = [0, 158, 115];

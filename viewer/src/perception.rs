@@ -16,7 +16,7 @@ const JPEG_QUALITY: u8 = 85;
 /// A measurement older than this does not count as being seen, in seconds.
 const FRESH_S: f64 = 1.0;
 /// The frame of the focus CAV at the time stamp of its measurements.
-pub const EGO: &str = "world/perception";
+const EGO: &str = "world/perception";
 /// Its camera, which holds the image.
 pub const CAMERA: &str = "world/perception/camera";
 

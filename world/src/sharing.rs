@@ -90,9 +90,10 @@ pub struct Track {
     pub state: ObjectState,
     /// Time of the state in seconds.
     pub time_s: f64,
-    /// Standard deviation of the position in metres.
+    /// Standard deviation of the position in metres, at its newest measurement: what the object
+    /// may have done since is for whoever reads the track to bound.
     pub position_std_m: f64,
-    /// Standard deviation of the velocity in m/s.
+    /// Standard deviation of the velocity in m/s, at its newest measurement.
     pub velocity_std_mps: f64,
     /// Its lane index by vision, own or shared; `None` where it can't be known.
     pub lane: Option<LaneIndex>,

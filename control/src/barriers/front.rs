@@ -133,9 +133,10 @@ impl Ahead<'_> {
 
     /// The row towards `leader`.
     ///
-    /// The collision level is always hard. The distance level is hard while h >= 0; when an
-    /// assumption broke it (a cut-in, a reveal) it is won back with at most the gentle braking,
-    /// against the leader's measured motion.
+    /// The collision level is always hard. The distance level is hard while h >= 0, and while only
+    /// the estimate's error makes it negative; when the measured gap itself is short (a cut-in, a
+    /// reveal) it is won back with at most the gentle braking, against the leader's measured
+    /// motion.
     pub fn row(&self, leader: &Neighbour, settings: &SafetySettings) -> Row {
         let closing = self.closing(settings);
         let keep_m = self.headway_bumper_m(leader.length_m, settings);
@@ -146,12 +147,15 @@ impl Ahead<'_> {
             worst.accel_max_mps2(&closing, settings, keep_m, target(h, settings.eta), next)
         };
         let collision = limit(settings.collision_margin_m, levels.h0_m);
+        let measured = self.measured(leader);
         let distance = if levels.h_m >= -ROUNDING_M {
             limit(keep_m, levels.h_m)
         } else if levels.leaving {
             (settings.leaving_speed_mps - self.ego.state.speed_mps) / STEP_S
+        } else if measured.h_m(&closing, keep_m) >= 0.0 {
+            limit(keep_m, levels.h_m)
         } else {
-            recovery_accel_mps2(self.measured(leader), &closing, keep_m, settings)
+            recovery_accel_mps2(measured, &closing, keep_m, settings)
         };
         Row {
             neighbour: Some(leader.id),
