@@ -1,10 +1,8 @@
-use std::{
-    error::Error,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
 use covista_drive::{
-    FocusSnapshot, Material, RunConfig, RunSummary, Snapshot, TraceRow, Traffic, VehicleKind,
+    FocusSnapshot, Material, RecordError, RunConfig, RunSummary, Snapshot, TraceRow, Traffic,
+    VehicleKind,
 };
 use covista_viewer::{
     FocusFrame, Recording, RunSeries, SceneRecord, SceneryPart, SeenBox, StepRecord, VehicleInfo,
@@ -56,7 +54,7 @@ impl Recorder {
     }
 
     /// Takes up one snapshot.
-    pub fn log(&mut self, snapshot: &Snapshot<'_>) -> Result<(), Box<dyn Error + Send + Sync>> {
+    pub fn log(&mut self, snapshot: &Snapshot<'_>) -> Result<(), RecordError> {
         let open = match &mut self.open {
             Some(open) => open,
             None => {

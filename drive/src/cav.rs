@@ -177,7 +177,6 @@ impl Cav {
         if action == Action::EmergencyStop {
             self.emergency_stops += 1;
         }
-        if let Ok(id) = std::env::var("DBG") && id == self.station.0.to_string() { eprintln!("decide {time_s:.2} pref {:?} -> {:?} verdicts {:?}", self.preferred, action, Action::ALL.map(|a| self.controller.verdict(&situation, a))); }
         self.mapped = action;
         self.controller.set_action(action, time_s);
         let announced = self.controller.manoeuvre().action();
@@ -196,11 +195,6 @@ impl Cav {
         let was_changing = self.is_changing();
         let situation = self.situation(time_s, road, own, &neighbours, &sight);
         let output = self.controller.control(&situation);
-        if let Ok(id) = std::env::var("DBG") && id == self.station.0.to_string() && ((time_s * 100.0).round() as u64).is_multiple_of(20) {
-            let e = situation.ego.frenet;
-            eprintln!("t {time_s:.2} s {:.1} d {:.2} v {:.2} un {:.2} u {:.2} {:?} h {:.2} h0 {:.2} bind {:?} sight {:.1} man {:?} map {:?}", e.s_m, e.d_m, own.state.speed_mps, output.u_nominal.accel_mps2, output.u.accel_mps2, output.outcome, output.h_m, output.h0_m, output.binding, sight.clear_s_m(lane_of(road, self.dimensions, own.state.pose)) , self.controller.manoeuvre(), self.mapped);
-            for t in self.tracks(time_s) { let f = road.to_frenet(t.state.center.position()); eprintln!("     track {} st {:?} s {:.1} d {:.2} v {:.2} std {:.2}/{:.2} lane {:?} age {:.2} seen {:?}", t.id, t.station.map(|s|s.0), f.s_m, f.d_m, t.state.velocity_mps.norm(), t.position_std_m, t.velocity_std_mps, t.lane.map(|l|l.get()), time_s - t.measured_s(), t.sightings.iter().map(|s|s.station.0).collect::<Vec<_>>()); }
-        }
         if self.is_changing() && !was_changing {
             self.lane_changes_s.push(time_s);
         }

@@ -9,20 +9,23 @@
 //! from the truth; the truth goes to the monitor, the trace and the recording only. It knows
 //! neither rerun nor the command line.
 
+mod cause;
 mod cav;
 mod evaluate;
 mod monitor;
 mod run;
 mod senses;
 mod summary;
+mod tally;
 mod trace;
 mod truth;
 
+pub use cause::Cause;
 pub use covista_control::ControlSettings;
 pub use covista_traffic::{Material, Scenario, Traffic, VehicleKind};
 pub use evaluate::{DetectorEvaluation, EvaluateError, Evaluation, LaneEvaluation, evaluate};
-pub use monitor::{Cause, CavView, Monitor, TrueBarriers};
-pub use run::{FocusSnapshot, RunConfig, RunError, Snapshot, run};
+pub use monitor::{CavView, Monitor, TrueBarriers};
+pub use run::{FocusSnapshot, Observe, RecordError, RunConfig, RunError, Snapshot, run};
 pub use senses::Senses;
 pub use summary::{CavSummary, RunSummary, StageWallTimes};
 pub use trace::{TRACE_HEADER, TraceRow};

@@ -4,7 +4,10 @@ use covista_control::{Manoeuvre, SafetySettings};
 use covista_traffic::{VehicleId, VehicleKind};
 use covista_world::{LaneIndex, Road, Track};
 
-use crate::truth::{TrueVehicle, closing_distance_m};
+use crate::{
+    cause::Cause,
+    truth::{TrueVehicle, closing_distance_m},
+};
 
 /// Slower than this for [`STUCK_S`] on end counts as stuck.
 const STUCK_MPS: f64 = 0.5;
@@ -15,50 +18,11 @@ const TOLERANCE_M: f64 = 0.05;
 const PERCEPTION_DELAY_S: f64 = 1.5;
 /// Knowledge older than this breaks the promise's assumption on age.
 const OLDEST_KNOWLEDGE_S: f64 = 1.0;
+/// An assumption that broke this long ago still explains a violation: the longest time that
+/// braking to standstill takes, and a perception frame.
+const MEMORY_S: f64 = 3.0;
 /// A track within this distance of the truth is a track of that vehicle.
 const SAME_OBJECT_M: f64 = 4.0;
-
-/// Which assumption of the promise broke when a CAV left its safe set.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Cause {
-    /// A vehicle entered the CAV's lane inside the set.
-    CutIn,
-    /// The vehicle ahead came into sight, or was uncovered by another, inside the set.
-    Revealed,
-    /// Excused: the CAV, slower than 5 m/s, leaves its lane round a stopped vehicle.
-    Leaving,
-    /// The CAV knew nothing of the vehicle although it had been in sight for long enough.
-    MissedObject,
-    /// Its knowledge of the vehicle was wrong by more than the bound.
-    PerceptionError,
-    /// Its knowledge of the vehicle was older than the bound.
-    MessageAge,
-    /// None of them: a defect of covista.
-    Unattributed,
-}
-
-impl Cause {
-    /// Its name in summaries and traces.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::CutIn => "cut-in",
-            Self::Revealed => "revealed",
-            Self::Leaving => "leaving",
-            Self::MissedObject => "missed-object",
-            Self::PerceptionError => "perception-error",
-            Self::MessageAge => "message-age",
-            Self::Unattributed => "unattributed",
-        }
-    }
-
-    /// What the trace's column `excused` says: the excuses that the promise itself names.
-    pub fn excuse(self) -> &'static str {
-        match self {
-            Self::CutIn | Self::Revealed | Self::Leaving => self.name(),
-            _ => "",
-        }
-    }
-}
 
 /// The true barriers of one CAV at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -87,6 +51,8 @@ pub struct CavView<'a> {
 #[derive(Debug, Default)]
 struct PairState {
     in_sight_since_s: Option<f64>,
+    /// The newest time at which an assumption on the CAV's knowledge of the other did not hold.
+    broken: Option<(Cause, f64)>,
     /// Lanes that the other vehicle occupied at the last step.
     occupied: BTreeSet<LaneIndex>,
     episode: Option<Cause>,
@@ -200,9 +166,13 @@ impl Monitor {
                     Some(cause)
                 }
             };
+            let broken = barriers.and_then(|_| self.broken_knowledge(time_s, other, view.tracks));
             let pair = self.pairs.entry((ego.id, other.id)).or_default();
             pair.episode = cause;
             pair.occupied = occupied;
+            if let Some(broken) = broken {
+                pair.broken = Some((broken, time_s));
+            }
             if let Some(barriers) = barriers {
                 let least = self
                     .min_headway_m
@@ -295,19 +265,29 @@ impl Monitor {
         } else if in_sight_since_s.is_none_or(|since_s| time_s - since_s < PERCEPTION_DELAY_S) {
             Cause::Revealed
         } else {
-            self.broken_knowledge(time_s, other, view.tracks)
+            let broken = self.broken_knowledge(time_s, other, view.tracks);
+            let earlier = pair
+                .and_then(|pair| pair.broken)
+                .filter(|(_, broke_s)| time_s - broke_s < MEMORY_S)
+                .map(|(cause, _)| cause);
+            broken.or(earlier).unwrap_or(Cause::Unattributed)
         }
     }
 
     /// Which assumption about a CAV's knowledge of `other` does not hold.
-    fn broken_knowledge(&self, time_s: f64, other: &TrueVehicle, tracks: &[Track]) -> Cause {
+    fn broken_knowledge(
+        &self,
+        time_s: f64,
+        other: &TrueVehicle,
+        tracks: &[Track],
+    ) -> Option<Cause> {
         let error_m = |track: &Track| (track.state.center.position() - other.center).norm();
         let nearest = tracks
             .iter()
             .min_by(|a, b| error_m(a).total_cmp(&error_m(b)))
             .filter(|track| error_m(track) <= SAME_OBJECT_M);
         let Some(track) = nearest else {
-            return Cause::MissedObject;
+            return Some(Cause::MissedObject);
         };
         let speed_error_mps = (track.state.velocity_mps - other.velocity).norm();
         let sigmas = self.settings.error_sigmas;
@@ -315,12 +295,18 @@ impl Monitor {
             (sigmas * track.position_std_m).min(self.settings.position_error_max_m);
         let speed_bound_mps =
             (sigmas * track.velocity_std_mps).min(self.settings.speed_error_max_mps);
-        if time_s - track.measured_s() > OLDEST_KNOWLEDGE_S {
-            Cause::MessageAge
-        } else if error_m(track) > position_bound_m || speed_error_mps > speed_bound_mps {
-            Cause::PerceptionError
+        // The track is carried on with constant velocity; the truth may have braked meanwhile.
+        let age_s = (time_s - track.measured_s()).max(0.0);
+        let braked_mps = self.settings.leader_brake_mps2 * age_s;
+        let braked_m = 0.5 * braked_mps * age_s;
+        if age_s > OLDEST_KNOWLEDGE_S {
+            Some(Cause::MessageAge)
+        } else if error_m(track) > position_bound_m + braked_m
+            || speed_error_mps > speed_bound_mps + braked_mps
+        {
+            Some(Cause::PerceptionError)
         } else {
-            Cause::Unattributed
+            None
         }
     }
 
@@ -354,3 +340,6 @@ impl Monitor {
         &self.causes
     }
 }
+
+#[cfg(test)]
+mod tests;

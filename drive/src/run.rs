@@ -2,7 +2,7 @@ use std::{collections::BTreeMap, error::Error, time::Instant};
 
 use covista_control::{ControlSettings, SettingsError};
 use covista_perception::PerceiveError;
-use covista_planner::{InvalidObservation, comfort};
+use covista_planner::InvalidObservation;
 use covista_sensors::{RayScene, in_line_of_sight};
 use covista_sharing::Channel;
 use covista_traffic::{Scenario, ScenarioError, Traffic, VehicleId, VehicleKind};
@@ -14,9 +14,10 @@ use nalgebra::Point3;
 
 use crate::{
     cav::{Cav, Odometry},
-    monitor::{Cause, CavView, Monitor},
+    monitor::{CavView, Monitor},
     senses::{Sensed, Senses},
-    summary::{CavSummary, RunSummary, StageWallTimes},
+    summary::RunSummary,
+    tally::Tally,
     trace::TraceRow,
     truth::TrueVehicle,
 };
@@ -63,8 +64,14 @@ pub enum RunError {
     NoCav(String),
     /// The observer refused a snapshot.
     #[error("cannot record the run: {0}")]
-    Record(#[source] Box<dyn Error + Send + Sync>),
+    Record(#[source] RecordError),
 }
+
+/// Whatever keeps an observer from recording a snapshot.
+pub type RecordError = Box<dyn Error + Send + Sync>;
+
+/// Takes up the snapshots of a run.
+pub type Observe<'a> = dyn FnMut(&Snapshot<'_>) -> Result<(), RecordError> + 'a;
 
 /// The closed loop at one instant, every 0.1 s, for whoever records it.
 pub struct Snapshot<'a> {
@@ -103,7 +110,7 @@ pub struct FocusSnapshot<'a> {
 pub fn run(
     config: &RunConfig,
     senses: &mut Senses,
-    observe: &mut dyn FnMut(&Snapshot<'_>) -> Result<(), Box<dyn Error + Send + Sync>>,
+    observe: &mut Observe<'_>,
 ) -> Result<RunSummary, RunError> {
     let mut loop_ = Loop::new(config)?;
     let steps = (config.duration_s / STEP_S).round().max(0.0) as u64;
@@ -127,20 +134,6 @@ struct Loop<'a> {
     links: Vec<(StationId, StationId)>,
     tally: Tally,
     start: Instant,
-}
-
-/// Sums over the run.
-#[derive(Default)]
-struct Tally {
-    stages: StageWallTimes,
-    first_sight_s: BTreeMap<VehicleId, f64>,
-    hardest_braking_mps2: BTreeMap<VehicleId, f64>,
-    speed_sum: f64,
-    speed_count: usize,
-    comfort_sum: f64,
-    comfort_count: usize,
-    frames_perceived: usize,
-    bytes_shared: usize,
 }
 
 impl<'a> Loop<'a> {
@@ -180,7 +173,7 @@ impl<'a> Loop<'a> {
         &mut self,
         step: u64,
         senses: &mut Senses,
-        observe: &mut dyn FnMut(&Snapshot<'_>) -> Result<(), Box<dyn Error + Send + Sync>>,
+        observe: &mut Observe<'_>,
     ) -> Result<(), RunError> {
         let has_frame = step.is_multiple_of(self.perception_steps);
         if has_frame {
@@ -265,8 +258,7 @@ impl<'a> Loop<'a> {
                 let own = self.odometry(self.cavs[index].id);
                 let cav = &mut self.cavs[index];
                 cav.decide(time_s, self.traffic.road(), &own)?;
-                self.tally.comfort_sum += comfort(own.accel_mps2, cav.mapped);
-                self.tally.comfort_count += 1;
+                self.tally.takes(cav.mapped, own.accel_mps2);
             }
         }
         self.tally.stages.planner_s += start.elapsed().as_secs_f64();
@@ -310,17 +302,7 @@ impl<'a> Loop<'a> {
         self.monitor
             .observe(time_s, self.traffic.road(), &truth, &views, overlapping);
         for vehicle in self.traffic.vehicles() {
-            if vehicle.kind == VehicleKind::Obstacle {
-                continue;
-            }
-            self.tally.speed_sum += vehicle.state.speed_mps;
-            self.tally.speed_count += 1;
-            let hardest = self
-                .tally
-                .hardest_braking_mps2
-                .entry(vehicle.id)
-                .or_default();
-            *hardest = hardest.max(-vehicle.accel_mps2);
+            self.tally.moves(vehicle);
         }
         self.tally.stages.record_s += start.elapsed().as_secs_f64();
     }
@@ -337,17 +319,13 @@ impl<'a> Loop<'a> {
                 let visible = in_line_of_sight(&scene, &rays, from, cav.id, other.id) > 0.0;
                 self.monitor.sight(cav.id, other.id, visible, time_s);
                 if visible && other.kind == VehicleKind::Obstacle {
-                    self.tally.first_sight_s.entry(cav.id).or_insert(time_s);
+                    self.tally.sees_obstacle(cav.id, time_s);
                 }
             }
         }
     }
 
-    fn record(
-        &mut self,
-        has_frame: bool,
-        observe: &mut dyn FnMut(&Snapshot<'_>) -> Result<(), Box<dyn Error + Send + Sync>>,
-    ) -> Result<(), RunError> {
+    fn record(&mut self, has_frame: bool, observe: &mut Observe<'_>) -> Result<(), RunError> {
         let start = Instant::now();
         let time_s = self.traffic.time_s();
         let focus = has_frame.then(|| {
@@ -436,68 +414,8 @@ impl<'a> Loop<'a> {
     }
 
     fn summary(self) -> RunSummary {
-        let Self {
-            config,
-            cavs,
-            monitor,
-            tally,
-            start,
-            ..
-        } = self;
-        let mean = |sum: f64, count: usize| sum / count.max(1) as f64;
-        let vehicles: Vec<CavSummary> = cavs
-            .iter()
-            .map(|cav| CavSummary {
-                id: cav.station.0,
-                initial_lane: cav.initial_lane.get(),
-                first_line_of_sight_s: tally.first_sight_s.get(&cav.id).copied(),
-                lane_change_start_s: cav.lane_changes_s.first().copied(),
-                hardest_braking_mps2: tally
-                    .hardest_braking_mps2
-                    .get(&cav.id)
-                    .copied()
-                    .unwrap_or(0.0),
-                min_headway_m: monitor.min_headway_m(cav.id),
-            })
-            .collect();
-        let before_sight = |cav: &&CavSummary| match cav.lane_change_start_s {
-            Some(start_s) => cav
-                .first_line_of_sight_s
-                .is_none_or(|sight_s| start_s < sight_s),
-            None => false,
-        };
-        let violations = monitor.violations();
-        RunSummary {
-            sharing: config.sharing,
-            duration_s: config.duration_s,
-            mean_velocity_mps: mean(tally.speed_sum, tally.speed_count),
-            mean_comfort: mean(tally.comfort_sum, tally.comfort_count),
-            vehicles_stuck: monitor.stuck(),
-            lane_changes_before_sight: vehicles.iter().filter(before_sight).count(),
-            lane_changes: cavs.iter().map(|cav| cav.lane_changes_s.len()).sum(),
-            min_headway_m: vehicles
-                .iter()
-                .filter_map(|cav| cav.min_headway_m)
-                .reduce(f64::min),
-            hardest_braking_mps2: vehicles
-                .iter()
-                .map(|cav| cav.hardest_braking_mps2)
-                .fold(0.0, f64::max),
-            collisions: monitor.collisions(),
-            unsafe_actions: monitor.unsafe_actions(),
-            violations: violations.values().sum(),
-            violations_unattributed: violations.get(&Cause::Unattributed).copied().unwrap_or(0),
-            violations_by_cause: violations
-                .iter()
-                .map(|(cause, count)| (cause.name().to_owned(), *count))
-                .collect(),
-            emergency_stops: cavs.iter().map(|cav| cav.emergency_stops).sum(),
-            frames_perceived: tally.frames_perceived,
-            bytes_shared: tally.bytes_shared,
-            wall_s: start.elapsed().as_secs_f64(),
-            stages: tally.stages,
-            rrd: String::new(),
-            vehicles,
-        }
+        let wall_s = self.start.elapsed().as_secs_f64();
+        self.tally
+            .summary(self.config, &self.cavs, &self.monitor, wall_s)
     }
 }

@@ -1,0 +1,130 @@
+use std::collections::BTreeMap;
+
+use covista_traffic::{TrafficVehicle, VehicleId, VehicleKind};
+use covista_world::Action;
+
+use crate::{
+    RunConfig,
+    cause::Cause,
+    cav::Cav,
+    monitor::Monitor,
+    summary::{CavSummary, RunSummary, StageWallTimes},
+};
+
+/// Sums over a run.
+#[derive(Default)]
+pub(crate) struct Tally {
+    pub stages: StageWallTimes,
+    pub frames_perceived: usize,
+    pub bytes_shared: usize,
+    first_sight_s: BTreeMap<VehicleId, f64>,
+    hardest_braking_mps2: BTreeMap<VehicleId, f64>,
+    speed: Mean,
+    comfort: Mean,
+}
+
+#[derive(Default)]
+struct Mean {
+    sum: f64,
+    count: usize,
+}
+
+impl Mean {
+    fn add(&mut self, value: f64) {
+        self.sum += value;
+        self.count += 1;
+    }
+
+    fn get(&self) -> f64 {
+        self.sum / self.count.max(1) as f64
+    }
+}
+
+impl Tally {
+    /// `cav` has line of sight to an obstacle.
+    pub fn sees_obstacle(&mut self, cav: VehicleId, time_s: f64) {
+        self.first_sight_s.entry(cav).or_insert(time_s);
+    }
+
+    /// A CAV takes `action` while it accelerates with `accel_mps2`.
+    pub fn takes(&mut self, action: Action, accel_mps2: f64) {
+        self.comfort
+            .add(covista_planner::comfort(accel_mps2, action));
+    }
+
+    /// One step of a vehicle's motion.
+    pub fn moves(&mut self, vehicle: &TrafficVehicle) {
+        if vehicle.kind == VehicleKind::Obstacle {
+            return;
+        }
+        self.speed.add(vehicle.state.speed_mps);
+        let hardest = self.hardest_braking_mps2.entry(vehicle.id).or_default();
+        *hardest = hardest.max(-vehicle.accel_mps2);
+    }
+
+    pub fn summary(
+        self,
+        config: &RunConfig,
+        cavs: &[Cav],
+        monitor: &Monitor,
+        wall_s: f64,
+    ) -> RunSummary {
+        let vehicles: Vec<CavSummary> = cavs.iter().map(|cav| self.cav(cav, monitor)).collect();
+        let before_sight = |cav: &&CavSummary| {
+            cav.lane_change_start_s.is_some_and(|start_s| {
+                cav.first_line_of_sight_s
+                    .is_none_or(|sight_s| start_s < sight_s)
+            })
+        };
+        let violations = monitor.violations();
+        RunSummary {
+            sharing: config.sharing,
+            duration_s: config.duration_s,
+            mean_velocity_mps: self.speed.get(),
+            mean_comfort: self.comfort.get(),
+            vehicles_stuck: monitor.stuck(),
+            lane_changes_before_sight: vehicles.iter().filter(before_sight).count(),
+            lane_changes: cavs.iter().map(|cav| cav.lane_changes_s.len()).sum(),
+            min_headway_m: vehicles
+                .iter()
+                .filter_map(|cav| cav.min_headway_m)
+                .reduce(f64::min),
+            hardest_braking_mps2: vehicles
+                .iter()
+                .map(|cav| cav.hardest_braking_mps2)
+                .fold(0.0, f64::max),
+            collisions: monitor.collisions(),
+            unsafe_actions: monitor.unsafe_actions(),
+            violations: violations.values().sum(),
+            violations_unattributed: violations.get(&Cause::Unattributed).copied().unwrap_or(0),
+            violations_by_cause: violations
+                .iter()
+                .map(|(cause, count)| (cause.name().to_owned(), *count))
+                .collect(),
+            emergency_stops: cavs.iter().map(|cav| cav.emergency_stops).sum(),
+            frames_perceived: self.frames_perceived,
+            bytes_shared: self.bytes_shared,
+            wall_s,
+            stages: self.stages,
+            rrd: String::new(),
+            vehicles,
+        }
+    }
+
+    fn cav(&self, cav: &Cav, monitor: &Monitor) -> CavSummary {
+        let hardest = self.hardest_braking_mps2.get(&cav.id);
+        CavSummary {
+            id: cav.station.0,
+            initial_lane: cav.initial_lane.get(),
+            first_line_of_sight_s: self.first_sight_s.get(&cav.id).map(to_step),
+            lane_change_start_s: cav.lane_changes_s.first().map(to_step),
+            hardest_braking_mps2: hardest.copied().unwrap_or(0.0),
+            min_headway_m: monitor.min_headway_m(cav.id),
+        }
+    }
+}
+
+/// A time without the rounding of its sum of steps.
+fn to_step(time_s: &f64) -> f64 {
+    (time_s * 100.0).round() / 100.0
+}
