@@ -1,8 +1,8 @@
 use covista_world::{
-    Action, BicycleState, FrenetPoint, FrenetPose, LaneIndex, Road, StationId, Track,
+    Action, BicycleState, FrenetPoint, FrenetPose, LaneIndex, Road, Se2Pose, StationId, Track,
     VehicleDimensions, wrap_angle,
 };
-use nalgebra::Vector2;
+use nalgebra::{Rotation2, Vector2};
 
 use crate::{SafetySettings, SightLine};
 
@@ -185,15 +185,24 @@ impl Neighbour {
         settings: &SafetySettings,
     ) -> Option<Self> {
         let state = &track.state;
-        let center = road.to_frenet(state.center.position());
-        let (forward, _) = road.reference(center.s_m);
         let measured_s = if track.sightings.is_empty() {
             track.time_s
         } else {
             track.measured_s().min(track.time_s)
         };
         let age_s = (now_s - measured_s).max(0.0);
-        let speed_mps = state.velocity_mps.dot(&forward.forward()).max(0.0);
+        // The track goes on straight; from where it was measured the vehicle follows the road.
+        let straight = state.velocity_mps * (track.time_s - measured_s);
+        let measured = Se2Pose {
+            x_m: state.center.x_m - straight.x,
+            y_m: state.center.y_m - straight.y,
+            ..state.center
+        };
+        let center = road.to_frenet(measured.position());
+        let (along_road, _) = road.reference(center.s_m);
+        let velocity = Rotation2::new(-along_road.yaw_rad) * state.velocity_mps;
+        let speed_mps = velocity.x.max(0.0);
+        let sideways_m = velocity.y * age_s;
         let position_error_m =
             (settings.error_sigmas * track.position_std_m).min(settings.position_error_max_m);
         let speed_error_mps =
@@ -201,15 +210,14 @@ impl Neighbour {
 
         let half = Vector2::new(state.length_m / 2.0, state.width_m / 2.0);
         let corners = [(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)]
-            .map(|(x, y)| state.center.transform(Vector2::new(x * half.x, y * half.y)));
+            .map(|(x, y)| measured.transform(Vector2::new(x * half.x, y * half.y)));
         let on_road = corners.map(|corner| road.to_frenet_near(corner, center.s_m));
         let rear_m = fold_s(&on_road, f64::min);
         let front_m = fold_s(&on_road, f64::max);
-        let (d_right_m, d_left_m) = lateral_extent_m(corners, road, center.s_m);
+        let (right_m, left_m) = lateral_extent_m(corners, road, center.s_m);
+        let (d_right_m, d_left_m) = (right_m + sideways_m, left_m + sideways_m);
 
-        // The track was extrapolated to its own time with constant velocity.
-        let since_track_m = speed_mps * (now_s - track.time_s);
-        let since_measured_m = speed_mps * age_s;
+        let driven_so_far_m = speed_mps * age_s;
         let slow_mps = (speed_mps - speed_error_mps).max(0.0);
         let braking_s = age_s.min(slow_mps / settings.leader_brake_mps2);
         let braked_m = slow_mps * braking_s - 0.5 * settings.leader_brake_mps2 * braking_s.powi(2);
@@ -220,17 +228,15 @@ impl Neighbour {
             id: track.id,
             station: track.station,
             lanes: lanes_of(track, road, d_right_m, d_left_m, settings.lane_entry_m),
-            s_rear_m: rear_m + since_track_m,
-            s_front_m: front_m + since_track_m,
+            s_rear_m: rear_m + driven_so_far_m,
+            s_front_m: front_m + driven_so_far_m,
             d_right_m,
             d_left_m,
             speed_mps,
             length_m: state.length_m,
-            worst_s_rear_m: rear_m + since_track_m - since_measured_m + braked_m - position_error_m,
+            worst_s_rear_m: rear_m + braked_m - position_error_m,
             worst_slow_mps: (slow_mps - settings.leader_brake_mps2 * age_s).max(0.0),
-            worst_s_front_m: front_m + since_track_m - since_measured_m
-                + driven_m
-                + position_error_m,
+            worst_s_front_m: front_m + driven_m + position_error_m,
             worst_fast_mps: fast_mps + settings.follower_accel_mps2 * age_s,
             action: track.action,
             announced_s: track.announced_s,
