@@ -3,7 +3,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::{
     cli::{DatasetArgs, SplitArg},
-    output::prepare_folder,
+    output::{prepare_folder, say},
 };
 
 /// `covista dataset`.
@@ -26,6 +26,6 @@ pub fn run(args: &DatasetArgs) -> anyhow::Result<()> {
     }
     write_dataset(&spec, |done, _| bar.set_position(done as u64))?;
     bar.finish_and_clear();
-    println!("{} frames in {}", args.frames, args.out.display());
+    say(&format!("{} frames in {}", args.frames, args.out.display()))?;
     Ok(())
 }

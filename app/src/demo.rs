@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use crate::{
     cli::{DemoArgs, PerceptionArg, SharingArg},
-    output::{models_folder, prepare_folder, write_json, write_whole},
+    output::{models_folder, prepare_folder, say, write_json, write_whole},
     record::{Recorded, Recorder},
     table::side_by_side,
 };
@@ -99,7 +99,7 @@ pub fn run_demo(args: &DemoArgs) -> anyhow::Result<()> {
         },
     )?;
     let text = side_by_side(&runs);
-    println!("{text}\nwritten to {}", out.display());
+    say(&format!("{text}\nwritten to {}", out.display()))?;
     if args.view {
         open_viewer(&recordings)?;
     }

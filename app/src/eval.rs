@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use crate::{
     cli::{EvalArgs, EvalWhat},
-    output::{Report, models_folder, write_json},
+    output::{Report, models_folder, say, write_json},
 };
 
 /// A row of `--json`: the model, the frames, and its figures.
@@ -39,10 +39,10 @@ pub fn run(args: &EvalArgs) -> anyhow::Result<()> {
                 accuracy_tusimple,
                 accuracy_ufld,
             } = evaluation.lanes;
-            println!(
+            say(&format!(
                 "{LANE_MODEL} on {frames} frames: TuSimple accuracy {accuracy_tusimple:.2} %, \
                  UFLD's variant {accuracy_ufld:.2} %"
-            );
+            ))?;
             report(
                 args,
                 "eval lanes",
@@ -60,12 +60,12 @@ pub fn run(args: &EvalArgs) -> anyhow::Result<()> {
             } in &evaluation.detector
             {
                 let percent = |ap: &Option<f64>| ap.map_or("-".into(), |ap| format!("{ap:.1} %"));
-                println!(
+                say(&format!(
                     "{DETECTOR_MODEL} on {frames} frames, {boxes} boxes of class {class:?}: \
                      AP (BEV, R40) {} at IoU 0.5, {} at IoU 0.7",
                     percent(ap_bev_50_r40),
                     percent(ap_bev_70_r40)
-                );
+                ))?;
             }
             report(
                 args,

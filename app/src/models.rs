@@ -2,7 +2,7 @@ use covista_perception::{OnnxRuntime, list_models, verify_model};
 
 use crate::{
     cli::{ModelsArgs, ModelsWhat},
-    output::models_folder,
+    output::{models_folder, say},
 };
 
 /// `covista models`.
@@ -19,7 +19,7 @@ pub fn run(args: &ModelsArgs) -> anyhow::Result<()> {
             verify_model(runtime, card)?;
         }
         let verdict = if runtime.is_some() { "  ok" } else { "" };
-        println!("{:<18} {}{verdict}", card.id, card.description);
+        say(&format!("{:<18} {}{verdict}", card.id, card.description))?;
     }
     Ok(())
 }

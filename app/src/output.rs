@@ -23,6 +23,16 @@ pub fn prepare_folder(folder: &Path) -> anyhow::Result<()> {
     })
 }
 
+/// Prints a line for the user; whoever reads it may stop reading at any time.
+pub fn say(text: &str) -> anyhow::Result<()> {
+    match writeln!(std::io::stdout(), "{text}") {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(error).context("cannot write to the terminal")
+        }
+        _ => Ok(()),
+    }
+}
+
 /// Writes `bytes` to `path` whole or not at all.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     let partial = partial_path(path);

@@ -10,6 +10,7 @@ import argparse
 import datetime
 import hashlib
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -208,11 +209,11 @@ def main() -> None:
     model.eval()
     args.out.mkdir(parents=True, exist_ok=True)
     path = args.out / f"{IDS[args.network]}.onnx"
-    partial = path.with_suffix(".partial.onnx")
+    partial = args.checkpoint.with_suffix(".onnx")  # moved to its place once it is checked
     export_onnx(args.network, model, partial)
     difference = check(args.network, model, partial)
     metrics = EVALUATE[args.network](args.val, partial, args.frames)
-    partial.replace(path)
+    shutil.move(partial, path)
     text = card(args.network, path, state, args.data_command, metrics)
     path.with_suffix(".toml").write_text(text)
     size_mb = path.stat().st_size / 1e6

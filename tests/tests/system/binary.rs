@@ -10,7 +10,14 @@ pub fn covista() -> Command {
     let binary = BINARY.get_or_init(|| {
         let root = root();
         let built = Command::new(env!("CARGO"))
-            .args(["build", "--release", "--quiet", "--package", "covista-app"])
+            .args([
+                "build",
+                "--release",
+                "--quiet",
+                "--package",
+                "covista-app",
+                "--locked",
+            ])
             .current_dir(&root)
             .status()
             .expect("cargo starts");

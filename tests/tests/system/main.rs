@@ -4,6 +4,12 @@
 //! - `demo`: the obstacle-at-corner demo through the binary;
 //! - `errors`: bad input, one clear line and exit code 2.
 
+#![allow(
+    clippy::expect_used,
+    clippy::unwrap_used,
+    reason = "a test stops where it fails"
+)]
+
 mod binary;
 mod demo;
 mod errors;
