@@ -201,11 +201,17 @@ fn focus_frame(snapshot: &Snapshot<'_>, focus: &FocusSnapshot<'_>) -> Option<Foc
         state: world_state(pose_of(row), percept),
         seen_by: focus.station,
     });
+    let own_position = pose_of(row).position();
     let heard = focus.heard.iter().flat_map(|message| {
-        message.objects.iter().map(|object| SeenBox {
-            state: carried_on(object, snapshot.time_s),
-            seen_by: message.station,
-        })
+        message
+            .objects
+            .iter()
+            .map(|object| SeenBox {
+                state: carried_on(object, snapshot.time_s),
+                seen_by: message.station,
+            })
+            // Others see the focus CAV, too; its own box would stand around its camera.
+            .filter(|seen| (seen.state.center.position() - own_position).norm() > row.length_m)
     });
     Some(FocusFrame {
         pose: pose_of(row),

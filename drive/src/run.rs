@@ -154,7 +154,7 @@ impl<'a> Loop<'a> {
         Ok(Self {
             config,
             calibration: Calibration::kitti(),
-            focus: cavs.len() / 2,
+            focus: (cavs.len() - 1) / 2,
             cavs,
             channel: Channel::default(),
             monitor: Monitor::new(config.control.safety),
