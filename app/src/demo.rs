@@ -2,7 +2,8 @@ use std::{collections::BTreeMap, path::Path, time::Duration};
 
 use anyhow::bail;
 use covista_drive::{
-    ControlSettings, RunConfig, RunSummary, Scenario, Senses, Snapshot, TRACE_HEADER, run,
+    ControlSettings, RunConfig, RunSummary, Scenario, Senses, Snapshot, TRACE_HEADER, VehicleKind,
+    run,
 };
 use covista_perception::{OnnxRuntime, Perceiver};
 use covista_viewer::{open_viewer, plot_speeds, plot_trajectories};
@@ -11,7 +12,7 @@ use serde::Serialize;
 
 use crate::{
     cli::{DemoArgs, PerceptionArg, SharingArg},
-    output::{models_folder, prepare_folder, say, write_json, write_whole},
+    output::{models_folder, prepare_file, prepare_folder, say, write_json, write_whole},
     record::{Recorded, Recorder},
     table::side_by_side,
 };
@@ -40,7 +41,14 @@ pub fn run_demo(args: &DemoArgs) -> anyhow::Result<()> {
         .clone()
         .unwrap_or_else(|| Path::new("out").join(&scenario.name));
     prepare_folder(&out)?;
-    let (mut senses, models) = senses(args)?;
+    if let Some(trace) = &args.trace {
+        prepare_file(trace)?;
+    }
+    let cavs = scenario
+        .vehicles
+        .iter()
+        .filter(|vehicle| vehicle.kind == VehicleKind::Cav);
+    let (mut senses, models) = senses(args, cavs.count())?;
     let sharings: &[bool] = match args.sharing {
         SharingArg::On => &[true],
         SharingArg::Off => &[false],
@@ -119,14 +127,15 @@ fn load_scenario(name: &str) -> anyhow::Result<Scenario> {
 }
 
 /// Where percepts come from, and the hashes of the networks in use.
-fn senses(args: &DemoArgs) -> anyhow::Result<(Senses, BTreeMap<String, String>)> {
+fn senses(args: &DemoArgs, cavs: usize) -> anyhow::Result<(Senses, BTreeMap<String, String>)> {
     if args.perception == PerceptionArg::Truth {
         return Ok((Senses::Truth, BTreeMap::new()));
     }
     let folder = models_folder(args.models.as_deref());
     let runtime = OnnxRuntime::acquire(&|message| eprintln!("covista: {message}"))?;
     let threads = std::thread::available_parallelism().map_or(1, Into::into);
-    let perceivers = (0..threads)
+    // One pair of networks a thread; more than CAVs would idle.
+    let perceivers = (0..threads.min(cavs.max(1)))
         .map(|_| Perceiver::new(&runtime, &folder, 1))
         .collect::<Result<_, _>>()?;
     let models = covista_perception::list_models(&folder)?

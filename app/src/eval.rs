@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use crate::{
     cli::{EvalArgs, EvalWhat},
-    output::{Report, models_folder, say, write_json},
+    output::{Report, models_folder, prepare_file, say, write_json},
 };
 
 /// A row of `--json`: the model, the frames, and its figures.
@@ -19,6 +19,9 @@ struct Row<T> {
 
 /// `covista eval`.
 pub fn run(args: &EvalArgs) -> anyhow::Result<()> {
+    if let Some(json) = &args.json {
+        prepare_file(json)?;
+    }
     let runtime = OnnxRuntime::acquire(&|message| eprintln!("covista: {message}"))?;
     let threads = std::thread::available_parallelism().map_or(1, Into::into);
     let folder = models_folder(args.models.as_deref());

@@ -17,7 +17,20 @@ use std::process::ExitCode;
 use clap::Parser;
 
 fn main() -> ExitCode {
-    let result = match cli::Cli::parse().command {
+    let cli = match cli::Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(asked) if !asked.use_stderr() => asked.exit(),
+        Err(error) => {
+            let text = error.render().to_string();
+            let said = text.lines().next().unwrap_or_default();
+            eprintln!(
+                "covista: {}; see --help",
+                said.trim_start_matches("error: ")
+            );
+            return ExitCode::from(2);
+        }
+    };
+    let result = match cli.command {
         None => demo::run_demo(&cli::DemoArgs::default()),
         Some(cli::Command::Demo(args)) => demo::run_demo(&args),
         Some(cli::Command::Dataset(args)) => dataset::run(&args),

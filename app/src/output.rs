@@ -23,6 +23,14 @@ pub fn prepare_folder(folder: &Path) -> anyhow::Result<()> {
     })
 }
 
+/// Makes sure that `file` can be written to, before any work is done.
+pub fn prepare_file(file: &Path) -> anyhow::Result<()> {
+    let partial = partial_path(file);
+    fs::write(&partial, b"")
+        .and_then(|()| fs::remove_file(&partial))
+        .with_context(|| format!("cannot write {}; choose another place", file.display()))
+}
+
 /// Prints a line for the user; whoever reads it may stop reading at any time.
 pub fn say(text: &str) -> anyhow::Result<()> {
     match writeln!(std::io::stdout(), "{text}") {

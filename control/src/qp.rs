@@ -98,7 +98,8 @@ impl Program {
             inequalities.extend(
                 sides
                     .into_iter()
-                    .filter(|(_, limit)| *limit < f64::INFINITY)
+                    // A limit that is no number is kept, so that the solver refuses it.
+                    .filter(|(_, limit)| limit.is_nan() || *limit < f64::INFINITY)
                     .map(|(sign, limit)| Inequality {
                         input: row.input,
                         sign,

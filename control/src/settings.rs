@@ -46,10 +46,6 @@ pub struct SafetySettings {
     pub counter_curvature_min_per_m: f64,
     /// How many standard deviations an estimate may be wrong.
     pub error_sigmas: f64,
-    /// Bound on the position error of an estimate.
-    pub position_error_max_m: f64,
-    /// Bound on the speed error of an estimate.
-    pub speed_error_max_mps: f64,
     /// How far a body must reach over a line to be in the lane.
     pub lane_entry_m: f64,
     /// Range within which the own line of sight confirms a lane as free.
@@ -81,8 +77,6 @@ impl Default for SafetySettings {
             leaving_speed_mps: 5.0,
             counter_curvature_min_per_m: 0.003,
             error_sigmas: 3.0,
-            position_error_max_m: 1.5,
-            speed_error_max_mps: 4.0,
             lane_entry_m: 0.2,
             sight_range_m: 65.0,
             sight_memory_s: 1.0,
@@ -194,8 +188,6 @@ impl ControlSettings {
             ("collision_margin_m", s.collision_margin_m),
             ("leaving_speed_mps", s.leaving_speed_mps),
             ("error_sigmas", s.error_sigmas),
-            ("position_error_max_m", s.position_error_max_m),
-            ("speed_error_max_mps", s.speed_error_max_mps),
             ("lane_entry_m", s.lane_entry_m),
             ("sight_memory_s", s.sight_memory_s),
             ("announcement_s", s.announcement_s),

@@ -201,12 +201,12 @@ impl Neighbour {
         let center = road.to_frenet(measured.position());
         let (along_road, _) = road.reference(center.s_m);
         let velocity = Rotation2::new(-along_road.yaw_rad) * state.velocity_mps;
+        // An offset d from the reference line makes each of its metres 1 - kappa d metres long.
+        let stretch = (1.0 - road.curvature(center.s_m) * center.d_m).max(0.5);
         let speed_mps = velocity.x.max(0.0);
         let sideways_m = velocity.y * age_s;
-        let position_error_m =
-            (settings.error_sigmas * track.position_std_m).min(settings.position_error_max_m);
-        let speed_error_mps =
-            (settings.error_sigmas * track.velocity_std_mps).min(settings.speed_error_max_mps);
+        let position_error_m = settings.error_sigmas * track.position_std_m;
+        let speed_error_mps = settings.error_sigmas * track.velocity_std_mps;
 
         let half = Vector2::new(state.length_m / 2.0, state.width_m / 2.0);
         let corners = [(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)]
@@ -217,7 +217,7 @@ impl Neighbour {
         let (right_m, left_m) = lateral_extent_m(corners, road, center.s_m);
         let (d_right_m, d_left_m) = (right_m + sideways_m, left_m + sideways_m);
 
-        let driven_so_far_m = speed_mps * age_s;
+        let driven_so_far_m = speed_mps * age_s / stretch;
         let slow_mps = (speed_mps - speed_error_mps).max(0.0);
         let braking_s = age_s.min(slow_mps / settings.leader_brake_mps2);
         let braked_m = slow_mps * braking_s - 0.5 * settings.leader_brake_mps2 * braking_s.powi(2);
@@ -234,9 +234,9 @@ impl Neighbour {
             d_left_m,
             speed_mps,
             length_m: state.length_m,
-            worst_s_rear_m: rear_m + braked_m - position_error_m,
+            worst_s_rear_m: rear_m + braked_m / stretch - position_error_m,
             worst_slow_mps: (slow_mps - settings.leader_brake_mps2 * age_s).max(0.0),
-            worst_s_front_m: front_m + driven_m + position_error_m,
+            worst_s_front_m: front_m + driven_m / stretch + position_error_m,
             worst_fast_mps: fast_mps + settings.follower_accel_mps2 * age_s,
             action: track.action,
             announced_s: track.announced_s,

@@ -167,7 +167,7 @@ fn may_enter(
     to: LaneIndex,
     announced_s: f64,
 ) -> Option<BarrierKind> {
-    match neighbour.station {
+    match neighbour.station.filter(|_| neighbour.action.is_some()) {
         Some(station) => {
             let theirs = (neighbour.announced_s.unwrap_or(situation.time_s), station);
             let own = (announced_s, situation.ego.station);

@@ -179,10 +179,7 @@ impl Cav {
         }
         self.mapped = action;
         self.controller.set_action(action, time_s);
-        let announced = self.controller.manoeuvre().action();
-        if announced != self.announced.0 {
-            self.announced = (announced, time_s);
-        }
+        self.announce(time_s);
         Ok(())
     }
 
@@ -195,11 +192,20 @@ impl Cav {
         let was_changing = self.is_changing();
         let situation = self.situation(time_s, road, own, &neighbours, &sight);
         let output = self.controller.control(&situation);
+        self.announce(time_s);
         if self.is_changing() && !was_changing {
             self.lane_changes_s.push(time_s);
         }
         self.last_output = Some(output.clone());
         output
+    }
+
+    /// Keeps what is broadcast in step with the manoeuvre.
+    fn announce(&mut self, time_s: f64) {
+        let action = self.controller.manoeuvre().action();
+        if action != self.announced.0 {
+            self.announced = (action, time_s);
+        }
     }
 
     /// What the controller is about.

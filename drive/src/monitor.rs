@@ -53,6 +53,8 @@ struct PairState {
     in_sight_since_s: Option<f64>,
     /// The newest time at which an assumption on the CAV's knowledge of the other did not hold.
     broken: Option<(Cause, f64)>,
+    /// Whether h_0 >= 0 at the last step.
+    inside: bool,
     /// Lanes that the other vehicle occupied at the last step.
     occupied: BTreeSet<LaneIndex>,
     episode: Option<Cause>,
@@ -71,6 +73,7 @@ pub struct Monitor {
     min_headway_m: BTreeMap<VehicleId, f64>,
     changing: BTreeSet<VehicleId>,
     unsafe_actions: usize,
+    collision_set_left: usize,
 }
 
 impl Monitor {
@@ -88,6 +91,7 @@ impl Monitor {
             min_headway_m: BTreeMap::new(),
             changing: BTreeSet::new(),
             unsafe_actions: 0,
+            collision_set_left: 0,
         }
     }
 
@@ -156,18 +160,28 @@ impl Monitor {
                 self.barriers(ego, other, road)
             };
             let violated = barriers.is_some_and(|barriers| barriers.h_m < -TOLERANCE_M);
+            let h0_m = barriers.map_or(f64::INFINITY, |barriers| barriers.h0_m);
+            let inside = h0_m >= -TOLERANCE_M;
             let known = self.pairs.get(&(ego.id, other.id));
             let cause = match known.and_then(|pair| pair.episode) {
                 _ if !violated => None,
-                Some(cause) => Some(cause),
-                None => {
-                    let cause = self.cause(time_s, ego, other, view, &shared, &previous);
+                // Going round a standing vehicle excuses the distance, never the collision level.
+                Some(cause) if cause != Cause::Leaving || inside => Some(cause),
+                _ => {
+                    let cause = self.cause(time_s, ego, other, view, &shared, &previous, h0_m);
                     *self.causes.entry(cause).or_default() += 1;
                     Some(cause)
                 }
             };
-            let broken = barriers.and_then(|_| self.broken_knowledge(time_s, other, view.tracks));
+            let in_sight_s = known
+                .and_then(|pair| pair.in_sight_since_s)
+                .map_or(0.0, |since_s| time_s - since_s);
+            let broken = barriers
+                .filter(|_| in_sight_s > PERCEPTION_DELAY_S)
+                .and_then(|_| self.broken_knowledge(time_s, other, view.tracks));
             let pair = self.pairs.entry((ego.id, other.id)).or_default();
+            self.collision_set_left += usize::from(pair.inside && !inside);
+            pair.inside = inside;
             pair.episode = cause;
             pair.occupied = occupied;
             if let Some(broken) = broken {
@@ -206,15 +220,37 @@ impl Monitor {
         if !self.changing.insert(ego.id) {
             return;
         }
-        let collides = truth
+        let others = truth
             .iter()
-            .filter(|other| other.id != ego.id && other.occupies(to, road))
-            .filter_map(|other| {
-                self.barriers(ego, other, road)
-                    .or_else(|| self.barriers(other, ego, road))
-            })
-            .any(|barriers| barriers.h0_m < 0.0);
+            .filter(|other| other.id != ego.id && other.occupies(to, road));
+        let collides = others.into_iter().any(|other| {
+            let ahead = self.barriers(ego, other, road);
+            let h0_m = ahead.map(|barriers| barriers.h0_m);
+            let behind_m = || self.rear_collision_barrier_m(ego, other, road);
+            h0_m.or_else(behind_m).is_some_and(|h0_m| h0_m < 0.0)
+        });
         self.unsafe_actions += usize::from(collides);
+    }
+
+    /// The collision barrier towards a vehicle behind, in the shape of RSS: it may accelerate for its
+    /// reaction time and then brakes with b_min (shared/CONTROL.md).
+    fn rear_collision_barrier_m(
+        &self,
+        ego: &TrueVehicle,
+        behind: &TrueVehicle,
+        road: &Road,
+    ) -> Option<f64> {
+        let settings = &self.settings;
+        let rho = match behind.kind {
+            VehicleKind::Cav => settings.reaction_cav_s,
+            VehicleKind::Human | VehicleKind::Obstacle => settings.reaction_human_s,
+        };
+        let (v, accel) = (behind.speed_mps, settings.follower_accel_mps2);
+        let reacted_m = v * rho + accel * rho * rho / 2.0;
+        let stopping_m = (v + rho * accel).powi(2) / (2.0 * settings.follower_brake_mps2);
+        let own_m = ego.speed_mps.powi(2) / (2.0 * settings.brake_mps2);
+        let needed_m = (reacted_m + stopping_m - own_m).max(0.0);
+        Some(behind.gap_to_m(ego, road)? - settings.collision_margin_m - needed_m)
     }
 
     fn barriers(
@@ -248,6 +284,7 @@ impl Monitor {
         view: &CavView<'_>,
         shared: &BTreeSet<LaneIndex>,
         previous: &BTreeSet<LaneIndex>,
+        h0_m: f64,
     ) -> Cause {
         let pair = self.pairs.get(&(ego.id, other.id));
         let entered = pair.is_some_and(|pair| {
@@ -256,13 +293,17 @@ impl Monitor {
                 .any(|lane| !pair.occupied.contains(lane) && previous.contains(lane))
         });
         let in_sight_since_s = pair.and_then(|pair| pair.in_sight_since_s);
-        let leaves = matches!(view.manoeuvre, Manoeuvre::ChangeLane { .. })
-            && ego.speed_mps < self.settings.leaving_speed_mps;
-        if entered {
+        let leaves = matches!(view.manoeuvre, Manoeuvre::ChangeLane { from, .. } if shared.contains(&from))
+            && ego.speed_mps < self.settings.leaving_speed_mps
+            && other.speed_mps < STUCK_MPS
+            && h0_m >= 0.0;
+        let known = nearest_track(other, view.tracks).is_some();
+        let fresh = in_sight_since_s.is_none_or(|since_s| time_s - since_s < PERCEPTION_DELAY_S);
+        if entered && other.kind == VehicleKind::Human {
             Cause::CutIn
         } else if leaves {
             Cause::Leaving
-        } else if in_sight_since_s.is_none_or(|since_s| time_s - since_s < PERCEPTION_DELAY_S) {
+        } else if fresh && !known {
             Cause::Revealed
         } else {
             let broken = self.broken_knowledge(time_s, other, view.tracks);
@@ -281,27 +322,21 @@ impl Monitor {
         other: &TrueVehicle,
         tracks: &[Track],
     ) -> Option<Cause> {
-        let error_m = |track: &Track| (track.state.center.position() - other.center).norm();
-        let nearest = tracks
-            .iter()
-            .min_by(|a, b| error_m(a).total_cmp(&error_m(b)))
-            .filter(|track| error_m(track) <= SAME_OBJECT_M);
-        let Some(track) = nearest else {
+        let Some(track) = nearest_track(other, tracks) else {
             return Some(Cause::MissedObject);
         };
+        let error_m = (track.state.center.position() - other.center).norm();
         let speed_error_mps = (track.state.velocity_mps - other.velocity).norm();
         let sigmas = self.settings.error_sigmas;
-        let position_bound_m =
-            (sigmas * track.position_std_m).min(self.settings.position_error_max_m);
-        let speed_bound_mps =
-            (sigmas * track.velocity_std_mps).min(self.settings.speed_error_max_mps);
+        let position_bound_m = sigmas * track.position_std_m;
+        let speed_bound_mps = sigmas * track.velocity_std_mps;
         // The track is carried on with constant velocity; the truth may have braked meanwhile.
         let age_s = (time_s - track.measured_s()).max(0.0);
         let braked_mps = self.settings.leader_brake_mps2 * age_s;
         let braked_m = 0.5 * braked_mps * age_s;
         if age_s > OLDEST_KNOWLEDGE_S {
             Some(Cause::MessageAge)
-        } else if error_m(track) > position_bound_m + braked_m
+        } else if error_m > position_bound_m + braked_m
             || speed_error_mps > speed_bound_mps + braked_mps
         {
             Some(Cause::PerceptionError)
@@ -325,6 +360,11 @@ impl Monitor {
         self.stuck.len()
     }
 
+    /// Times that h_0 of a CAV became negative.
+    pub fn collision_set_left(&self) -> usize {
+        self.collision_set_left
+    }
+
     /// Lane changes that began inside the collision set of the truth.
     pub fn unsafe_actions(&self) -> usize {
         self.unsafe_actions
@@ -339,6 +379,15 @@ impl Monitor {
     pub fn violations(&self) -> &BTreeMap<Cause, usize> {
         &self.causes
     }
+}
+
+/// The track that stands for `vehicle`.
+fn nearest_track<'a>(vehicle: &TrueVehicle, tracks: &'a [Track]) -> Option<&'a Track> {
+    let error_m = |track: &Track| (track.state.center.position() - vehicle.center).norm();
+    tracks
+        .iter()
+        .min_by(|a, b| error_m(a).total_cmp(&error_m(b)))
+        .filter(|track| error_m(track) <= SAME_OBJECT_M)
 }
 
 #[cfg(test)]

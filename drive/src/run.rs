@@ -7,8 +7,8 @@ use covista_sensors::{RayScene, in_line_of_sight};
 use covista_sharing::Channel;
 use covista_traffic::{Scenario, ScenarioError, Traffic, VehicleId, VehicleKind};
 use covista_world::{
-    Calibration, CollectivePerceptionMessage, ControlInput, FilterOutcome, LaneMarks, Percept,
-    STEP_S, SensorFrame, StationId, Track,
+    Calibration, CollectivePerceptionMessage, ControlInput, FilterOutcome, LaneIndex, LaneMarks,
+    Percept, STEP_S, SensorFrame, StationId, Track,
 };
 use nalgebra::Point3;
 
@@ -145,6 +145,11 @@ impl<'a> Loop<'a> {
             .filter(|vehicle| vehicle.kind == VehicleKind::Cav)
             .map(|vehicle| Cav::new(vehicle, traffic.road(), config.control))
             .collect::<Result<_, _>>()?;
+        let obstacle_lanes: Vec<LaneIndex> = TrueVehicle::all(&traffic)
+            .iter()
+            .filter(|vehicle| vehicle.kind == VehicleKind::Obstacle)
+            .filter_map(|vehicle| vehicle.lane)
+            .collect();
         if cavs.is_empty() {
             return Err(RunError::NoCav(config.scenario.name.clone()));
         }
@@ -162,7 +167,7 @@ impl<'a> Loop<'a> {
             sensed: Vec::new(),
             messages: Vec::new(),
             links: Vec::new(),
-            tally: Tally::default(),
+            tally: Tally::new(obstacle_lanes),
             traffic,
             start: Instant::now(),
         })
@@ -273,6 +278,7 @@ impl<'a> Loop<'a> {
             let own = self.odometry(self.cavs[index].id);
             let cav = &mut self.cavs[index];
             let output = cav.control(time_s, self.traffic.road(), &own);
+            self.tally.filtered(output.outcome);
             inputs.insert(cav.id, output.u);
         }
         self.tally.stages.control_s += start.elapsed().as_secs_f64();

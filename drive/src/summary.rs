@@ -49,7 +49,8 @@ pub struct RunSummary {
     pub mean_comfort: f64,
     /// CAVs and humans that were slower than 0.5 m/s for 5 s on end.
     pub vehicles_stuck: usize,
-    /// CAVs whose first lane change began before their own line of sight to an obstacle.
+    /// CAVs of an obstacle's lane whose first lane change began before their own line of sight to
+    /// an obstacle.
     pub lane_changes_before_sight: usize,
     /// Lane changes that CAVs began, all together.
     pub lane_changes: usize,
@@ -61,7 +62,9 @@ pub struct RunSummary {
     pub unsafe_actions: usize,
     /// Times a CAV left the safe set (h < 0 on the truth), excused and attributed ones included.
     pub violations: usize,
-    /// Those of them that no broken assumption explains.
+    /// Times a CAV left the collision set (h_0 < 0 on the truth), whatever the cause.
+    pub collision_set_left: usize,
+    /// Violations that no broken assumption explains.
     pub violations_unattributed: usize,
     /// Violations by the assumption that broke.
     pub violations_by_cause: std::collections::BTreeMap<String, usize>,
@@ -69,11 +72,15 @@ pub struct RunSummary {
     pub min_headway_m: Option<f64>,
     /// Hardest braking of a CAV in m/s^2, as a positive number.
     pub hardest_braking_mps2: f64,
+    /// Steps of 0.01 s, summed over CAVs, on which the QP needed slack.
+    pub relaxed_steps: usize,
+    /// Steps of 0.01 s, summed over CAVs, on which the controller fell back to hardest braking.
+    pub backup_steps: usize,
     /// Behaviour steps on which no action was safe.
     pub emergency_stops: usize,
     /// Camera and LIDAR frames that went through perception.
     pub frames_perceived: usize,
-    /// Bytes of the messages that were delivered, summed over receivers.
+    /// Bytes of the messages that were broadcast, each counted once.
     pub bytes_shared: usize,
     /// Wall time of the run in seconds.
     pub wall_s: f64,

@@ -1,7 +1,7 @@
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use covista_traffic::{TrafficVehicle, VehicleId, VehicleKind};
-use covista_world::Action;
+use covista_world::{Action, FilterOutcome, LaneIndex};
 
 use crate::{
     RunConfig,
@@ -17,6 +17,9 @@ pub(crate) struct Tally {
     pub stages: StageWallTimes,
     pub frames_perceived: usize,
     pub bytes_shared: usize,
+    obstacle_lanes: BTreeSet<u8>,
+    relaxed_steps: usize,
+    backup_steps: usize,
     first_sight_s: BTreeMap<VehicleId, f64>,
     hardest_braking_mps2: BTreeMap<VehicleId, f64>,
     speed: Mean,
@@ -41,6 +44,20 @@ impl Mean {
 }
 
 impl Tally {
+    /// Sums for a road whose obstacles stand in `obstacle_lanes`.
+    pub fn new(obstacle_lanes: impl IntoIterator<Item = LaneIndex>) -> Self {
+        Self {
+            obstacle_lanes: obstacle_lanes.into_iter().map(LaneIndex::get).collect(),
+            ..Self::default()
+        }
+    }
+
+    /// What became of a CAV's nominal input in one step.
+    pub fn filtered(&mut self, outcome: FilterOutcome) {
+        self.relaxed_steps += usize::from(outcome == FilterOutcome::Relaxed);
+        self.backup_steps += usize::from(outcome == FilterOutcome::Backup);
+    }
+
     /// `cav` has line of sight to an obstacle.
     pub fn sees_obstacle(&mut self, cav: VehicleId, time_s: f64) {
         self.first_sight_s.entry(cav).or_insert(time_s);
@@ -71,10 +88,11 @@ impl Tally {
     ) -> RunSummary {
         let vehicles: Vec<CavSummary> = cavs.iter().map(|cav| self.cav(cav, monitor)).collect();
         let before_sight = |cav: &&CavSummary| {
-            cav.lane_change_start_s.is_some_and(|start_s| {
-                cav.first_line_of_sight_s
-                    .is_none_or(|sight_s| start_s < sight_s)
-            })
+            self.obstacle_lanes.contains(&cav.initial_lane)
+                && cav.lane_change_start_s.is_some_and(|start_s| {
+                    cav.first_line_of_sight_s
+                        .is_none_or(|sight_s| start_s < sight_s)
+                })
         };
         let violations = monitor.violations();
         RunSummary {
@@ -96,11 +114,14 @@ impl Tally {
             collisions: monitor.collisions(),
             unsafe_actions: monitor.unsafe_actions(),
             violations: violations.values().sum(),
+            collision_set_left: monitor.collision_set_left(),
             violations_unattributed: violations.get(&Cause::Unattributed).copied().unwrap_or(0),
             violations_by_cause: violations
                 .iter()
                 .map(|(cause, count)| (cause.name().to_owned(), *count))
                 .collect(),
+            relaxed_steps: self.relaxed_steps,
+            backup_steps: self.backup_steps,
             emergency_stops: cavs.iter().map(|cav| cav.emergency_stops).sum(),
             frames_perceived: self.frames_perceived,
             bytes_shared: self.bytes_shared,

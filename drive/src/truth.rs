@@ -1,7 +1,7 @@
 use std::collections::BTreeSet;
 
 use covista_traffic::{Traffic, VehicleId, VehicleKind};
-use covista_world::{FrenetPose, LaneIndex, Road, STEP_S, VehicleDimensions};
+use covista_world::{FrenetPose, LaneIndex, Road, STEP_S, VehicleDimensions, wrap_angle};
 use nalgebra::Vector2;
 
 /// One vehicle as it truly is, along the road.
@@ -75,27 +75,17 @@ impl TrueVehicle {
 
     /// Bumper-to-bumper gap to `ahead` in metres of the lane's own length, or `None` when it is
     /// not ahead.
+    ///
+    /// A line at offset d from the reference line is shorter by d times the angle that the road
+    /// turns by.
     pub fn gap_to_m(&self, ahead: &Self, road: &Road) -> Option<f64> {
-        (ahead.frenet.s_m > self.frenet.s_m).then(|| {
-            let along = ahead.s_range_m[0] - self.s_range_m[1];
-            along * self.lane_stretch(ahead, road)
-        })
-    }
-
-    /// Least length of the lane for each metre of the reference line on the way to `ahead`.
-    fn lane_stretch(&self, ahead: &Self, road: &Road) -> f64 {
         let d_m = self
             .lane
             .map_or(self.frenet.d_m, |lane| road.lane_center_m(lane));
-        let steps = 4;
-        (0..=steps)
-            .map(|i| {
-                let share = f64::from(i) / f64::from(steps);
-                let s_m = self.frenet.s_m + share * (ahead.frenet.s_m - self.frenet.s_m);
-                1.0 - road.curvature(s_m) * d_m
-            })
-            .sum::<f64>()
-            / f64::from(steps + 1)
+        let (from_m, to_m) = (self.s_range_m[1], ahead.s_range_m[0]);
+        let turn_rad =
+            wrap_angle(road.reference(to_m).0.yaw_rad - road.reference(from_m).0.yaw_rad);
+        (ahead.frenet.s_m > self.frenet.s_m).then(|| to_m - from_m - d_m * turn_rad)
     }
 }
 

@@ -15,24 +15,35 @@ const OWN_BODY_M: f64 = 2.0;
 /// No claim is made beyond this: a vehicle's returns get too few.
 const FARTHEST_M: f64 = 100.0;
 
-/// The nearest return above the ground in each bin of azimuth around the LIDAR, at most 100 m.
+/// The nearest return above the ground in each bin of azimuth around the LIDAR, at most 100 m; 0 in
+/// a bin without any return, ground included: nothing was measured there.
 ///
 /// It is only what is seen from here: whatever stands behind the nearest return is not.
 pub fn free_space(sweep: &PointCloud, calibration: &Calibration) -> FreeSpace {
     let vehicle_from_lidar = &calibration.vehicle_from_lidar;
     let origin_m = vehicle_from_lidar.translation.vector.xy();
-    let mut ranges_m = vec![FARTHEST_M as f32; BINS];
+    let mut nearest_m: Vec<Option<f64>> = vec![None; BINS];
     for [x, y, z, _] in &sweep.points {
         let point = vehicle_from_lidar * Point3::new(f64::from(*x), f64::from(*y), f64::from(*z));
         let from_lidar = point.coords.xy() - origin_m;
         let range_m = from_lidar.norm();
-        if !IN_THE_WAY_M.contains(&point.z) || range_m < OWN_BODY_M {
+        if range_m < OWN_BODY_M {
             continue;
         }
         let azimuth = from_lidar.y.atan2(from_lidar.x).rem_euclid(TAU);
         let bin = ((azimuth / TAU * BINS as f64) as usize).min(BINS - 1);
-        ranges_m[bin] = ranges_m[bin].min(range_m as f32);
+        let free_m = if IN_THE_WAY_M.contains(&point.z) {
+            range_m
+        } else {
+            FARTHEST_M
+        };
+        let so_far_m = &mut nearest_m[bin];
+        *so_far_m = so_far_m.map_or(Some(free_m), |so_far| Some(so_far.min(free_m)));
     }
+    let ranges_m = nearest_m
+        .into_iter()
+        .map(|nearest| nearest.unwrap_or(0.0) as f32)
+        .collect();
     FreeSpace { origin_m, ranges_m }
 }
 

@@ -26,7 +26,7 @@ impl Follower {
         let ego_rate = ArcRates::new(ahead.road, ahead.off_center_m);
         let other_rate = ArcRates::new(ahead.road, ahead.road.lane_width_m() / 2.0);
         let reach = ego_rate.high * ahead.ego.rear_reach_m();
-        let rho = if behind.station.is_some() {
+        let rho = if behind.action.is_some() {
             settings.reaction_cav_s
         } else {
             settings.reaction_human_s

@@ -115,10 +115,14 @@ fn barriers_in_closed_form() {
 fn each_broken_assumption_is_named() {
     let ego = vehicle(1, 100.0, 0.0, 10.0);
     let (far, near) = (vehicle(2, 140.0, 0.0, 10.0), vehicle(2, 115.0, 0.0, 10.0));
+    let human = |vehicle| TrueVehicle {
+        kind: VehicleKind::Human,
+        ..vehicle
+    };
     let beside = vehicle(2, 115.0, 3.5, 10.0);
     let known = |error_m| [track_of(&near, error_m)];
     assert_eq!(
-        causes([ego, beside], [ego, near], &known(0.0), true),
+        causes([ego, human(beside)], [ego, human(near)], &known(0.0), true),
         [Cause::CutIn]
     );
     assert_eq!(
