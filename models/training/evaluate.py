@@ -22,7 +22,7 @@ import lanes
 import pointpillars as pp
 from data import MIN_POINTS, complete_frames, in_range, read_image, read_marks, read_objects, read_points
 
-SCORE_THRESHOLD = 0.3
+SCORE_THRESHOLD = 0.4
 NMS_IOU = 0.1
 LANE_TOLERANCE_PX = 20
 DISTANCE_BINS_M = ((0, 20), (20, 40), (40, 70))

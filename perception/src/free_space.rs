@@ -54,7 +54,11 @@ mod tests {
     #[test]
     fn the_nearest_return_above_the_ground_ends_the_free_range() {
         let ground_z = -1.73;
-        let sweep = PointCloud {
+        let ground = (0..BINS).map(|bin| {
+            let azimuth = (bin as f32 + 0.5) / BINS as f32 * std::f32::consts::TAU;
+            [8.0 * azimuth.cos(), 8.0 * azimuth.sin(), ground_z, 0.3]
+        });
+        let mut sweep = PointCloud {
             points: vec![
                 [20.0, 0.1, ground_z + 1.0, 0.3],
                 [15.0, 0.1, ground_z + 1.0, 0.3],
@@ -65,6 +69,7 @@ mod tests {
                 [-150.0, 0.0, ground_z + 0.5, 0.3],
             ],
         };
+        sweep.points.extend(ground);
         let free = free_space(&sweep, &Calibration::kitti());
         assert!((free.origin_m.x - 0.9).abs() < 1e-12);
         let at = |degrees: f64| free.free_range_m(degrees.to_radians());
@@ -72,5 +77,11 @@ mod tests {
         assert!((at(-90.0) - 30.0).abs() < 1e-3);
         assert!((at(45.0) - 100.0).abs() < 1e-9);
         assert!((at(180.0) - 100.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn where_nothing_returns_nothing_is_free() {
+        let blind = free_space(&PointCloud::default(), &Calibration::kitti());
+        assert!(blind.ranges_m.iter().all(|range| range.abs() < 1e-9));
     }
 }
