@@ -51,8 +51,9 @@ impl Default for FreeLaneSettings {
 /// next lane allows, whichever is less.
 ///
 /// While a lane change runs, its action stands for going on and [`covista_world::Action::KeepLane`] for going
-/// back to the old lane; going back is worth it when the new lane became slower than the old one
-/// by more than `abort_cost_s`.
+/// back to the old lane; going back is preferred when the new lane became slower than the old one
+/// by more than `abort_cost_s`. Whether a running change can be taken back is the controller's
+/// business.
 ///
 /// Who comes from behind is the verdict's business, not the policy's.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

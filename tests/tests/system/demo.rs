@@ -9,7 +9,13 @@ const SEEDS: std::ops::Range<u64> = 1000..1010;
 
 /// Runs a demo and reads its summary.
 fn demo(out: &Path, arguments: &[&str]) -> Value {
+    demo_on("2", out, arguments)
+}
+
+/// The same, rendering and perceiving on as many threads as said.
+fn demo_on(threads: &str, out: &Path, arguments: &[&str]) -> Value {
     let output = covista()
+        .env("RAYON_NUM_THREADS", threads)
         .arg("demo")
         .args(arguments)
         .arg("--out")
@@ -142,11 +148,28 @@ fn the_same_seed_gives_the_same_summary() {
 }
 
 #[test]
-fn the_networks_drive_and_do_so_alike_twice() {
+fn through_the_networks_the_left_lane_is_left_before_the_obstacle_is_in_sight() {
+    let out = tempfile::tempdir().expect("a folder");
+    let seed = SEEDS.start.to_string();
+    let summary = demo(
+        out.path(),
+        &["--sharing", "on", "--duration", "14", "--seed", &seed],
+    );
+    let shared = run(&summary, true);
+    assert!(is_safe(shared), "{shared}");
+    let cavs = of_lane(shared, 0);
+    assert_eq!(cavs.len(), 2);
+    assert!(cavs.iter().all(changes_before_sight), "{cavs:?}");
+}
+
+#[test]
+fn the_networks_drive_alike_twice_whatever_the_number_of_threads() {
     let folders = [(); 2].map(|()| tempfile::tempdir().expect("a folder"));
+    let mut threads = ["1", "3"].into_iter();
     let [first, second] = folders.each_ref().map(|folder| {
         let trace = folder.path().join("trace.csv");
-        let summary = demo(
+        let summary = demo_on(
+            threads.next().expect("two runs"),
             folder.path(),
             &[
                 "--duration",

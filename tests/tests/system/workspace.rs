@@ -52,12 +52,14 @@ fn manifest(folder: &str) -> toml::Table {
         .expect("a manifest")
 }
 
+/// The names under [dependencies], [dev-dependencies] and [build-dependencies].
 fn dependencies(folder: &str) -> BTreeSet<String> {
-    manifest(folder)
-        .get("dependencies")
-        .and_then(|table| table.as_table())
-        .map(|table| table.keys().cloned().collect())
-        .unwrap_or_default()
+    let manifest = manifest(folder);
+    ["dependencies", "dev-dependencies", "build-dependencies"]
+        .iter()
+        .filter_map(|kind| manifest.get(*kind)?.as_table())
+        .flat_map(|table| table.keys().cloned())
+        .collect()
 }
 
 #[test]
