@@ -1,3 +1,4 @@
+use anyhow::bail;
 use covista_sensors::{DatasetSpec, Split, write_dataset};
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -8,6 +9,9 @@ use crate::{
 
 /// `covista dataset`.
 pub fn run(args: &DatasetArgs) -> anyhow::Result<()> {
+    if args.frames == 0 {
+        bail!("--frames 0 makes no dataset; give at least 1");
+    }
     prepare_folder(&args.out)?;
     let spec = DatasetSpec {
         out: args.out.clone(),

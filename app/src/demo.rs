@@ -33,14 +33,30 @@ struct Summary<'a> {
 pub fn run_demo(args: &DemoArgs) -> anyhow::Result<()> {
     let scenario = load_scenario(&args.scenario)?;
     let duration_s = args.duration.unwrap_or(scenario.duration_s);
-    if !(duration_s > 0.0 && duration_s.is_finite()) {
-        bail!("--duration {duration_s} is no positive number of seconds");
+    if !(0.01..=100_000.0).contains(&duration_s) {
+        bail!("--duration {duration_s:e} is out of range; take 0.01 to 100000 seconds");
+    }
+    let is_folder_name = !scenario.name.is_empty()
+        && scenario
+            .name
+            .chars()
+            .all(|c| c.is_alphanumeric() || "-_. ".contains(c))
+        && scenario.name.chars().any(char::is_alphanumeric);
+    if args.out.is_none() && !is_folder_name {
+        bail!(
+            "the scenario's name {:?} can't name the output folder; give --out or another name",
+            scenario.name
+        );
     }
     let out = args
         .out
         .clone()
         .unwrap_or_else(|| Path::new("out").join(&scenario.name));
     prepare_folder(&out)?;
+    for name in ["sharing-on.rrd", "sharing-off.rrd", "summary.json"] {
+        // An earlier run's; what this one does not write again would stand beside it.
+        let _ = std::fs::remove_file(out.join(name));
+    }
     if let Some(trace) = &args.trace {
         prepare_file(trace)?;
     }

@@ -48,8 +48,14 @@ fn main() -> ExitCode {
 
 /// The error and its causes on one line.
 fn one_line(error: &anyhow::Error) -> String {
-    format!("{error:#}")
-        .split_whitespace()
-        .collect::<Vec<_>>()
-        .join(" ")
+    let mut said = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        // Many an error's own text ends with its cause.
+        if !said.contains(&cause) {
+            let colon = if said.is_empty() { "" } else { ": " };
+            said.push_str(colon);
+            said.push_str(&cause);
+        }
+    }
+    said.split_whitespace().collect::<Vec<_>>().join(" ")
 }

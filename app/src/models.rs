@@ -1,3 +1,4 @@
+use anyhow::bail;
 use covista_perception::{OnnxRuntime, list_models, verify_model};
 
 use crate::{
@@ -7,7 +8,14 @@ use crate::{
 
 /// `covista models`.
 pub fn run(args: &ModelsArgs) -> anyhow::Result<()> {
-    let cards = list_models(&models_folder(args.models.as_deref()))?;
+    let folder = models_folder(args.models.as_deref());
+    let cards = list_models(&folder)?;
+    if cards.is_empty() {
+        bail!(
+            "no model card (*.toml) in {}; name the folder with --models",
+            folder.display()
+        );
+    }
     let runtime = match args.what {
         ModelsWhat::List => None,
         ModelsWhat::Verify => Some(OnnxRuntime::acquire(&|message| {

@@ -25,10 +25,15 @@ pub fn prepare_folder(folder: &Path) -> anyhow::Result<()> {
 
 /// Makes sure that `file` can be written to, before any work is done.
 pub fn prepare_file(file: &Path) -> anyhow::Result<()> {
-    let partial = partial_path(file);
-    fs::write(&partial, b"")
-        .and_then(|()| fs::remove_file(&partial))
-        .with_context(|| format!("cannot write {}; choose another place", file.display()))
+    let attempt = || -> std::io::Result<()> {
+        if !is_replaceable(file) {
+            return fs::OpenOptions::new().write(true).open(file).map(drop);
+        }
+        let partial = partial_path(file);
+        fs::write(&partial, b"")?;
+        fs::remove_file(&partial)
+    };
+    attempt().with_context(|| format!("cannot write {}; choose another place", file.display()))
 }
 
 /// Prints a line for the user; whoever reads it may stop reading at any time.
@@ -41,8 +46,17 @@ pub fn say(text: &str) -> anyhow::Result<()> {
     }
 }
 
-/// Writes `bytes` to `path` whole or not at all.
+/// Whether a new file may take the place of `path`: not of a device, a pipe or a link.
+fn is_replaceable(path: &Path) -> bool {
+    fs::symlink_metadata(path).map_or(true, |found| found.is_file())
+}
+
+/// Writes `bytes` to `path` whole or not at all; into a device, a pipe or the target of a link as
+/// they come.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
+    if !is_replaceable(path) {
+        return fs::write(path, bytes).with_context(|| format!("cannot write {}", path.display()));
+    }
     let partial = partial_path(path);
     let attempt = || -> std::io::Result<()> {
         let mut file = fs::File::create(&partial)?;

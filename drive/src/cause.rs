@@ -1,6 +1,8 @@
 /// Which assumption of the promise broke when a CAV left its safe set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Cause {
+    /// The run began inside the set: h(x_0) < 0.
+    Start,
     /// A vehicle entered the CAV's lane inside the set.
     CutIn,
     /// The vehicle ahead came into sight, or was uncovered by another, inside the set.
@@ -21,6 +23,7 @@ impl Cause {
     /// Its name in summaries and traces.
     pub fn name(self) -> &'static str {
         match self {
+            Self::Start => "start",
             Self::CutIn => "cut-in",
             Self::Revealed => "revealed",
             Self::Leaving => "leaving",

@@ -2,7 +2,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use covista_control::{Manoeuvre, SafetySettings};
 use covista_traffic::{VehicleId, VehicleKind};
-use covista_world::{LaneIndex, Road, Track};
+use covista_world::{LaneIndex, Road, STEP_S, Track};
 
 use crate::{
     cause::Cause,
@@ -58,6 +58,18 @@ struct PairState {
     /// Lanes that the other vehicle occupied at the last step.
     occupied: BTreeSet<LaneIndex>,
     episode: Option<Cause>,
+}
+
+/// A CAV and a vehicle ahead of it, in lanes that both occupy.
+struct Encounter<'a> {
+    ego: &'a TrueVehicle,
+    other: &'a TrueVehicle,
+    view: &'a CavView<'a>,
+    /// The lanes that both occupy.
+    shared: &'a BTreeSet<LaneIndex>,
+    /// The lanes that the CAV occupied at the last step.
+    previous: &'a BTreeSet<LaneIndex>,
+    h0_m: f64,
 }
 
 /// Watches the closed loop on the truth: gaps, barriers, collisions, standstill.
@@ -168,7 +180,17 @@ impl Monitor {
                 // Going round a standing vehicle excuses the distance, never the collision level.
                 Some(cause) if cause != Cause::Leaving || inside => Some(cause),
                 _ => {
-                    let cause = self.cause(time_s, ego, other, view, &shared, &previous, h0_m);
+                    let cause = self.cause(
+                        time_s,
+                        &Encounter {
+                            ego,
+                            other,
+                            view,
+                            shared: &shared,
+                            previous: &previous,
+                            h0_m,
+                        },
+                    );
                     *self.causes.entry(cause).or_default() += 1;
                     Some(cause)
                 }
@@ -233,7 +255,7 @@ impl Monitor {
     }
 
     /// The collision barrier towards a vehicle behind, in the shape of RSS: it may accelerate for its
-    /// reaction time and then brakes with b_min (shared/CONTROL.md).
+    /// reaction time and then brakes with b_min (docs/safety.md).
     fn rear_collision_barrier_m(
         &self,
         ego: &TrueVehicle,
@@ -275,17 +297,16 @@ impl Monitor {
         })
     }
 
-    /// Why `ego` is outside the safe set towards `other`, in lanes that both occupy.
-    fn cause(
-        &self,
-        time_s: f64,
-        ego: &TrueVehicle,
-        other: &TrueVehicle,
-        view: &CavView<'_>,
-        shared: &BTreeSet<LaneIndex>,
-        previous: &BTreeSet<LaneIndex>,
-        h0_m: f64,
-    ) -> Cause {
+    /// Why the ego vehicle is outside the safe set towards the other.
+    fn cause(&self, time_s: f64, encounter: &Encounter<'_>) -> Cause {
+        let &Encounter {
+            ego,
+            other,
+            view,
+            shared,
+            previous,
+            h0_m,
+        } = encounter;
         let pair = self.pairs.get(&(ego.id, other.id));
         let entered = pair.is_some_and(|pair| {
             shared
@@ -299,7 +320,9 @@ impl Monitor {
             && h0_m >= 0.0;
         let known = nearest_track(other, view.tracks).is_some();
         let fresh = in_sight_since_s.is_none_or(|since_s| time_s - since_s < PERCEPTION_DELAY_S);
-        if entered && other.kind == VehicleKind::Human {
+        if pair.is_none_or(|pair| pair.occupied.is_empty()) && time_s < STEP_S / 2.0 {
+            Cause::Start
+        } else if entered && other.kind == VehicleKind::Human {
             Cause::CutIn
         } else if leaves {
             Cause::Leaving

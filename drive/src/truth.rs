@@ -85,7 +85,7 @@ impl TrueVehicle {
         let (from_m, to_m) = (self.s_range_m[1], ahead.s_range_m[0]);
         let turn_rad =
             wrap_angle(road.reference(to_m).0.yaw_rad - road.reference(from_m).0.yaw_rad);
-        (ahead.frenet.s_m > self.frenet.s_m).then(|| to_m - from_m - d_m * turn_rad)
+        (ahead.frenet.s_m > self.frenet.s_m).then_some(to_m - from_m - d_m * turn_rad)
     }
 }
 

@@ -24,7 +24,7 @@ impl Action {
     }
 }
 
-/// The barriers of shared/CONTROL.md, as they appear in the paper (Section V-A).
+/// The barriers of docs/safety.md, named as in the paper (Section V-A).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum BarrierKind {
