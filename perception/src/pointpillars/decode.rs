@@ -11,6 +11,8 @@ use crate::card::PointPillarsSpec;
 
 /// Boxes that enter non-maximum suppression, best first; a sound network gives far fewer.
 const MAX_CANDIDATES: usize = 500;
+/// Boxes of one frame, best first: more vehicles do not fit into the range on three lanes.
+const MAX_BOXES: usize = 50;
 /// Largest logarithm of a box's size over its anchor's.
 const MAX_LOG_SIZE: f64 = 1.0;
 
@@ -71,7 +73,9 @@ impl BoxDecoder {
             .iter()
             .filter_map(|&(_, slot)| self.decode_slot(slot, maps))
             .collect();
-        suppress(boxes, self.nms_iou)
+        let mut boxes = suppress(boxes, self.nms_iou);
+        boxes.truncate(MAX_BOXES);
+        boxes
     }
 
     /// The box of one anchor in one cell; `None` where the network's numbers are not finite.

@@ -1,7 +1,7 @@
 use std::{collections::BTreeSet, fs, path::PathBuf};
 
 /// Which stages each crate may depend on (ARCHITECTURE.md, "The dependency rule").
-const ALLOWED: [(&str, &[&str]); 11] = [
+const ALLOWED: [(&str, &[&str]); 10] = [
     ("world", &[]),
     ("traffic", &["world"]),
     ("sensors", &["world", "traffic"]),
@@ -26,7 +26,6 @@ const ALLOWED: [(&str, &[&str]); 11] = [
         "app",
         &["world", "sensors", "perception", "drive", "viewer"],
     ),
-    ("tests", &[]),
 ];
 
 /// Libraries that only the named crate may name.

@@ -1,32 +1,11 @@
 use std::{
     path::{Path, PathBuf},
     process::{Command, Output},
-    sync::OnceLock,
 };
 
-/// The `covista` binary of this profile, built on first use.
+/// The `covista` binary, run from the repository's root.
 pub fn covista() -> Command {
-    static BINARY: OnceLock<PathBuf> = OnceLock::new();
-    let binary = BINARY.get_or_init(|| {
-        let root = root();
-        let built = Command::new(env!("CARGO"))
-            .args([
-                "build",
-                "--release",
-                "--quiet",
-                "--package",
-                "covista-app",
-                "--locked",
-            ])
-            .current_dir(&root)
-            .status()
-            .expect("cargo starts");
-        assert!(built.success(), "covista builds");
-        std::env::var_os("CARGO_TARGET_DIR")
-            .map_or_else(|| root.join("target"), PathBuf::from)
-            .join("release/covista")
-    });
-    let mut command = Command::new(binary);
+    let mut command = Command::new(env!("CARGO_BIN_EXE_covista"));
     command.current_dir(root());
     command
 }
