@@ -185,7 +185,8 @@ fn the_networks_drive_alike_twice_whatever_the_number_of_threads() {
     });
     assert_eq!(first, second);
     let (summary, rows) = first;
-    assert_eq!(run(&summary, true)["frames_perceived"], 24);
+    // Six CAVs, a frame every 0.4 s for 2 s.
+    assert_eq!(run(&summary, true)["frames_perceived"], 30);
     assert_eq!(summary["perception"], "network");
     // A header, then 11 vehicles at 20 times in each of two runs.
     assert_eq!(rows.lines().count(), 1 + 11 * 20 * 2);
