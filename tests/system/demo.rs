@@ -4,7 +4,7 @@ use serde_json::Value;
 
 use crate::binary::covista;
 
-/// Ten seeds, none of which the scenario was laid out on.
+/// Ten seeds that the networks have not been trained or chosen on.
 const SEEDS: std::ops::Range<u64> = 1000..1010;
 
 /// Runs a demo and reads its summary.
