@@ -201,6 +201,10 @@ fn finish(
                 gloss: 0.0,
             }
         }
+        Material::Cloth(rgb) => Finish {
+            albedo: linear(rgb) * 0.8,
+            gloss: 0.0,
+        },
         Material::Plaster(rgb) => Finish {
             albedo: linear(rgb) * (1.0 + noise(127, &[(0.1, 0.06), (1.2, 0.06), (5.0, 0.08)])),
             gloss: 0.0,
@@ -239,6 +243,8 @@ mod tests {
             paint_wear: 0.2,
             asphalt_albedo: 0.3,
             haze_per_m: 0.002,
+            wetness: 0.0,
+            damage: 0.0,
             texture_seed: 5,
         })
     }

@@ -1,7 +1,7 @@
 //! What is truly there, in the LIDAR frame, and how much of it can be seen.
 
 use covista_traffic::{Scene, SceneVehicle, VehicleId, VehicleModel};
-use covista_world::{Detection3d, PointCloud, VehicleDimensions, wrap_angle};
+use covista_world::{Detection3d, PointCloud, VehicleDimensions};
 use nalgebra::{Point3, Vector3};
 
 use crate::Viewpoint;
@@ -39,7 +39,7 @@ pub fn truth_boxes(view: &Viewpoint, cloud: &PointCloud) -> Vec<TruthBox> {
     let eye = view.lidar_position();
     let boxes = view.others().map(|vehicle| {
         let mut found = true_box(view, vehicle);
-        found.visibility = visible_share(view.rays, vehicle, eye, view.ego.id);
+        found.visibility = visible_share(view.scene, view.rays, vehicle, eye, view.ego.id);
         found.lidar_points = cloud
             .points
             .iter()
@@ -58,7 +58,8 @@ pub fn truth_detections(view: &Viewpoint) -> Vec<Detection3d> {
     let detections = view.others().filter_map(|vehicle| {
         let truth = true_box(view, vehicle);
         let in_range = truth.center_m.x.abs() <= range_x_m && truth.center_m.y.abs() <= range_y_m;
-        let seen = in_range && visible_share(view.rays, vehicle, eye, view.ego.id) > 0.0;
+        let seen =
+            in_range && visible_share(view.scene, view.rays, vehicle, eye, view.ego.id) > 0.0;
         seen.then(|| Detection3d {
             center_m: truth.center_m,
             size_m: truth.size_m,
@@ -80,12 +81,15 @@ pub fn in_line_of_sight(
     target: VehicleId,
 ) -> f64 {
     let target = scene.vehicles.iter().find(|vehicle| vehicle.id == target);
-    target.map_or(0.0, |target| visible_share(rays, target, from, viewer))
+    target.map_or(0.0, |target| {
+        visible_share(scene, rays, target, from, viewer)
+    })
 }
 
 /// Share of points on the body's outline, at two heights, that nothing but the two vehicles
 /// themselves hides from `from`.
 fn visible_share(
+    scene: &Scene,
     rays: &RayScene,
     target: &SceneVehicle,
     from: Point3<f64>,
@@ -93,7 +97,7 @@ fn visible_share(
 ) -> f64 {
     let own = [ObjectRef::Vehicle(viewer), ObjectRef::Vehicle(target.id)];
     let eye = from.cast::<f32>();
-    let pose = target.state.pose.to_isometry();
+    let pose = scene.placed(target);
     let samples = outline(target.dimensions());
     let seen = samples.iter().filter(|sample| {
         let gap = (pose * **sample - from).cast::<f32>();
@@ -133,18 +137,15 @@ fn outline(size: VehicleDimensions) -> [Point3<f64>; 16] {
 /// The box of `vehicle` in the LIDAR frame, with nothing measured yet.
 fn true_box(view: &Viewpoint, vehicle: &SceneVehicle) -> TruthBox {
     let size = vehicle.dimensions();
-    let center = size.center_pose(vehicle.state.pose);
-    let center = Point3::new(center.x_m, center.y_m, size.height_m / 2.0);
-    let own_yaw_rad = view.ego.state.pose.yaw_rad;
+    let center = Point3::new(size.center_ahead_of_axle_m(), 0.0, size.height_m / 2.0);
+    let lidar_from_vehicle = view.world_from_lidar().inverse() * view.scene.placed(vehicle);
+    let forward = lidar_from_vehicle * Vector3::x();
     TruthBox {
         id: vehicle.id,
         model: vehicle.model,
-        center_m: view
-            .world_from_lidar()
-            .inverse_transform_point(&center)
-            .coords,
+        center_m: (lidar_from_vehicle * center).coords,
         size_m: Vector3::new(size.length_m, size.width_m, size.height_m),
-        yaw_rad: wrap_angle(vehicle.state.pose.yaw_rad - own_yaw_rad),
+        yaw_rad: forward.y.atan2(forward.x),
         lidar_points: 0,
         visibility: 0.0,
     }

@@ -1,4 +1,4 @@
-use covista_traffic::{Material, SceneVehicle};
+use covista_traffic::{Material, Scene, SceneVehicle};
 use covista_world::CameraImage;
 use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
@@ -64,8 +64,8 @@ impl<'a> Picture<'a> {
             let seen: Vec<_> = points.iter().map(|p| camera_from_world * p).collect();
             Silhouette::new(&view.calibration.intrinsics, &seen)
         };
-        let others = view.others().flat_map(vehicle_parts);
-        let own = vehicle_parts(view.ego);
+        let others = view.others().flat_map(|other| vehicle_parts(scene, other));
+        let own = vehicle_parts(scene, view.ego);
         let still = scene.scenery.iter().flat_map(|body| &body.parts);
         let still = still.map(|part| part.vertices.clone());
         let parts: Vec<_> = others.chain(still).collect();
@@ -191,15 +191,17 @@ fn is_leaf_gap(point: &Point3<f32>, normal: &Vector3<f32>, direction: &Vector3<f
 }
 
 /// The convex parts of a vehicle in the world frame.
-fn vehicle_parts(vehicle: &SceneVehicle) -> impl Iterator<Item = Vec<Point3<f64>>> {
-    let pose = vehicle.state.pose.to_isometry();
+fn vehicle_parts(scene: &Scene, vehicle: &SceneVehicle) -> impl Iterator<Item = Vec<Point3<f64>>> {
+    let pose = scene.placed(vehicle);
+    let in_world =
+        move |p: &Point3<f64>| pose * Point3::from(p.coords.component_mul(&vehicle.scale));
     let parts = vehicle.model.body().parts.iter();
-    parts.map(move |part| part.vertices.iter().map(|p| pose * p).collect())
+    parts.map(move |part| part.vertices.iter().map(in_world).collect())
 }
 
 #[cfg(test)]
 mod tests {
-    use covista_traffic::{Scene, VehicleId, VehicleModel, sample_scene};
+    use covista_traffic::{VehicleId, VehicleModel, sample_scene};
     use covista_world::{Calibration, ROW_ANCHORS, Se2Pose};
 
     use super::*;

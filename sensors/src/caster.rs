@@ -62,9 +62,9 @@ impl RayScene {
     /// Prepares the vehicles and the scenery of `scene`.
     pub fn new(scene: &Scene) -> Self {
         let vehicles = scene.vehicles.iter().flat_map(|vehicle| {
-            let pose = vehicle.state.pose.to_isometry();
+            let pose = scene.placed(vehicle);
             model_hulls(vehicle.model).iter().map(move |hull| {
-                let mut hull = hull.transformed(&pose);
+                let mut hull = hull.scaled(&vehicle.scale).transformed(&pose);
                 hull.material = painted(hull.material, vehicle);
                 (ObjectRef::Vehicle(vehicle.id), hull)
             })
@@ -214,7 +214,8 @@ fn parry_ray(origin: &Point3<f32>, direction: &Vector3<f32>) -> Ray {
 
 /// The hulls of a model in the vehicle frame, built once.
 fn model_hulls(model: VehicleModel) -> &'static [Hull] {
-    static HULLS: [OnceLock<Vec<Hull>>; 4] = [const { OnceLock::new() }; 4];
+    static HULLS: [OnceLock<Vec<Hull>>; VehicleModel::ALL.len()] =
+        [const { OnceLock::new() }; VehicleModel::ALL.len()];
     HULLS[model as usize].get_or_init(|| model.body().parts.iter().filter_map(Hull::new).collect())
 }
 

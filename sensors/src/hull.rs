@@ -42,6 +42,26 @@ impl Hull {
         })
     }
 
+    /// The hull, stretched along the axes of its frame.
+    pub(crate) fn scaled(&self, scale: &Vector3<f64>) -> Self {
+        let faces = self.faces.iter().map(|face| {
+            let stretched = face.normal.component_div(scale);
+            let norm = stretched.norm();
+            HalfSpace {
+                normal: stretched / norm,
+                offset_m: face.offset_m / norm,
+            }
+        });
+        let vertices = self.vertices.iter();
+        Self {
+            faces: faces.collect(),
+            vertices: vertices
+                .map(|vertex| Point3::from(vertex.coords.component_mul(scale)))
+                .collect(),
+            material: self.material,
+        }
+    }
+
     /// The hull in the frame that `pose` leads to.
     pub(crate) fn transformed(&self, pose: &Isometry3<f64>) -> Self {
         let faces = self.faces.iter().map(|face| {

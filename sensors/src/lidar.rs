@@ -225,6 +225,7 @@ fn surface_return(
         Material::Metal => (0.35, 0.0),
         Material::Concrete => (0.36, 0.0),
         Material::Plaster(rgb) => (0.2 + 0.4 * luma(rgb), 0.0),
+        Material::Cloth(rgb) => (0.15 + 0.4 * luma(rgb), 0.0),
         // Leaves are rough: a pulse goes some way in.
         Material::Foliage => (0.42, 0.15),
     };

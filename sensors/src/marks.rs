@@ -79,7 +79,7 @@ impl Viewpoint<'_> {
     }
 
     fn behind_scenery(&self, point: Vector2<f64>) -> bool {
-        let world_from_vehicle = self.ego.state.pose.to_isometry();
+        let world_from_vehicle = self.scene.placed(self.ego);
         let eye = self.calibration.vehicle_from_camera.translation.vector;
         let from = (world_from_vehicle * Point3::from(eye)).cast::<f32>();
         let to = (world_from_vehicle * Point3::new(point.x, point.y, 0.0)).cast::<f32>();

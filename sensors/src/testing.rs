@@ -1,7 +1,8 @@
 use std::sync::Arc;
 
 use covista_traffic::{
-    Body, ConvexPart, Material, Scene, SceneLook, SceneVehicle, VehicleId, VehicleModel,
+    Body, ConvexPart, Material, RoadMarkings, Scene, SceneLook, SceneVehicle, VehicleId,
+    VehicleModel,
 };
 use covista_world::{BicycleState, Road, RoadSegment, Se2Pose};
 use nalgebra::{Point3, Vector3};
@@ -16,6 +17,8 @@ pub(crate) fn empty_road() -> Scene {
     Scene {
         time_s: 0.0,
         road: Arc::new(Road::new(start, &[straight], 3.5).expect("a road")),
+        markings: RoadMarkings::default(),
+        terrain: Arc::default(),
         vehicles: vec![vehicle(EGO, VehicleModel::Sedan, Se2Pose::default())],
         scenery: Arc::default(),
         look: SceneLook {
@@ -24,6 +27,8 @@ pub(crate) fn empty_road() -> Scene {
             paint_wear: 0.1,
             asphalt_albedo: 0.3,
             haze_per_m: 0.001,
+            wetness: 0.0,
+            damage: 0.0,
             texture_seed: 5,
         },
     }
@@ -34,6 +39,7 @@ pub(crate) fn vehicle(id: VehicleId, model: VehicleModel, pose: Se2Pose) -> Scen
         id,
         model,
         paint: [200, 200, 200],
+        scale: Vector3::repeat(1.0),
         state: BicycleState {
             pose,
             speed_mps: 0.0,

@@ -36,12 +36,12 @@ impl<'a> Viewpoint<'a> {
 
     /// LIDAR frame to world frame.
     pub fn world_from_lidar(&self) -> Isometry3<f64> {
-        self.ego.state.pose.to_isometry() * self.calibration.vehicle_from_lidar
+        self.scene.placed(self.ego) * self.calibration.vehicle_from_lidar
     }
 
     /// Camera frame to world frame.
     pub fn world_from_camera(&self) -> Isometry3<f64> {
-        self.ego.state.pose.to_isometry() * self.calibration.vehicle_from_camera
+        self.scene.placed(self.ego) * self.calibration.vehicle_from_camera
     }
 
     /// Position of the LIDAR in the world frame.

@@ -19,6 +19,8 @@ pub enum Material {
     Plaster([u8; 3]),
     /// Trees and hedges.
     Foliage,
+    /// Clothes and skin of people.
+    Cloth([u8; 3]),
 }
 
 /// A convex part of a body: the hull of its vertices, in the body's frame.

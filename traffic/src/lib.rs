@@ -9,6 +9,7 @@ mod body;
 mod footprint;
 mod human;
 mod idm;
+mod markings;
 mod model;
 mod sample;
 mod scenario;
@@ -18,10 +19,12 @@ mod scene;
 pub mod scenery;
 mod sight;
 mod simulation;
+mod terrain;
 
 pub use body::{Body, ConvexPart, Material};
 pub use footprint::Footprint;
 pub use idm::{Ahead, Idm};
+pub use markings::{MarkStyle, PaintColor, RoadMarkings};
 pub use model::VehicleModel;
 pub use sample::{SampledScene, sample_scene};
 pub use scenario::{
@@ -31,6 +34,7 @@ pub use scenario::{
 pub use scenario_error::ScenarioError;
 pub use scene::{Scene, SceneLook, SceneVehicle, VehicleId};
 pub use simulation::{Traffic, TrafficVehicle};
+pub use terrain::Terrain;
 
 /// The hardest braking of any vehicle, in m/s^2 (b_e and b_l of the safe set).
 pub const BRAKING_MAX_MPS2: f64 = 8.0;

@@ -24,6 +24,9 @@ pub enum VehicleModel {
 }
 
 impl VehicleModel {
+    /// All models, in the order of their discriminants.
+    pub const ALL: [Self; 4] = [Self::Sedan, Self::Suv, Self::Van, Self::Truck];
+
     /// Outer dimensions.
     pub fn dimensions(self) -> VehicleDimensions {
         let [length_m, width_m, height_m, wheelbase_m, rear_overhang_m] = match self {
@@ -51,7 +54,8 @@ impl VehicleModel {
 
     /// Its shape in the vehicle frame; the coated parts are grey until a paint replaces them.
     pub fn body(self) -> &'static Body {
-        static BODIES: [OnceLock<Body>; 4] = [const { OnceLock::new() }; 4];
+        static BODIES: [OnceLock<Body>; VehicleModel::ALL.len()] =
+            [const { OnceLock::new() }; VehicleModel::ALL.len()];
         BODIES[self as usize].get_or_init(|| Body {
             parts: match self {
                 Self::Sedan => cars::sedan(),
@@ -67,16 +71,9 @@ impl VehicleModel {
 mod tests {
     use super::*;
 
-    const MODELS: [VehicleModel; 4] = [
-        VehicleModel::Sedan,
-        VehicleModel::Suv,
-        VehicleModel::Van,
-        VehicleModel::Truck,
-    ];
-
     #[test]
     fn bodies_fill_their_dimensions_and_stay_inside() {
-        for model in MODELS {
+        for model in VehicleModel::ALL {
             let size = model.dimensions();
             let vertices = || model.body().parts.iter().flat_map(|part| &part.vertices);
             let max = |axis: usize| vertices().map(|v| v[axis]).fold(f64::MIN, f64::max);

@@ -10,7 +10,7 @@ use covista_world::{Road, RoadSegment, Se2Pose};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::{Scene, VehicleId};
+use crate::{RoadMarkings, Scene, VehicleId};
 
 pub(crate) use fleet::{draw_model, draw_paint};
 
@@ -36,6 +36,8 @@ pub fn sample_scene(seed: u64, index: u64) -> SampledScene {
         scene: Scene {
             time_s: 0.0,
             road: Arc::new(road),
+            markings: RoadMarkings::default(),
+            terrain: Arc::default(),
             vehicles,
             scenery: Arc::new(scenery),
             look,

@@ -1,9 +1,9 @@
 use std::sync::Arc;
 
 use covista_world::{BicycleState, Road, VehicleDimensions};
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Vector3};
 
-use crate::{Body, VehicleModel};
+use crate::{Body, RoadMarkings, Terrain, VehicleModel};
 
 /// The simulator's name for a vehicle; a CAV's is also its station id.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -14,14 +14,25 @@ pub struct VehicleId(pub u32);
 pub struct Scene {
     /// Time in seconds.
     pub time_s: f64,
-    /// The road.
+    /// The road, seen from above.
     pub road: Arc<Road>,
+    /// Its paint.
+    pub markings: RoadMarkings,
+    /// How high the ground lies.
+    pub terrain: Arc<Terrain>,
     /// All vehicles.
     pub vehicles: Vec<SceneVehicle>,
     /// Everything that stands still and is no vehicle, in the world frame.
     pub scenery: Arc<Vec<Body>>,
     /// Light and surface.
     pub look: SceneLook,
+}
+
+impl Scene {
+    /// Vehicle frame to world frame of a vehicle, on the ground.
+    pub fn placed(&self, vehicle: &SceneVehicle) -> Isometry3<f64> {
+        self.terrain.place(vehicle.state.pose, vehicle.dimensions())
+    }
 }
 
 /// A vehicle in a [`Scene`].
@@ -33,6 +44,8 @@ pub struct SceneVehicle {
     pub model: VehicleModel,
     /// Colour of the coated parts (replaces the model's `CarPaint`).
     pub paint: [u8; 3],
+    /// Its length, width and height as multiples of the model's.
+    pub scale: Vector3<f64>,
     /// Rear-axle pose and speed.
     pub state: BicycleState,
 }
@@ -40,7 +53,14 @@ pub struct SceneVehicle {
 impl SceneVehicle {
     /// Its dimensions.
     pub fn dimensions(&self) -> VehicleDimensions {
-        self.model.dimensions()
+        let model = self.model.dimensions();
+        VehicleDimensions {
+            length_m: model.length_m * self.scale.x,
+            width_m: model.width_m * self.scale.y,
+            height_m: model.height_m * self.scale.z,
+            wheelbase_m: model.wheelbase_m * self.scale.x,
+            rear_overhang_m: model.rear_overhang_m * self.scale.x,
+        }
     }
 }
 
@@ -57,6 +77,10 @@ pub struct SceneLook {
     pub asphalt_albedo: f64,
     /// Haze: extinction per metre, 0 to about 0.01.
     pub haze_per_m: f64,
+    /// How wet the road is, in [0, 1]: 0 is dry, 1 a mirroring film of water.
+    pub wetness: f64,
+    /// How many cracks and patches the asphalt has, in [0, 1].
+    pub damage: f64,
     /// Seed of textures (asphalt grain, wear), the same for all frames of a scene.
     pub texture_seed: u64,
 }

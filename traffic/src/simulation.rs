@@ -4,12 +4,13 @@ use covista_world::{
     BicycleState, ControlInput, FrenetPose, LaneIndex, Road, STEP_S, VehicleDimensions,
     bicycle_step,
 };
+use nalgebra::Vector3;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::{
-    ACCEL_MAX_MPS2, BRAKING_MAX_MPS2, Body, Footprint, Scenario, ScenarioError, Scene, SceneLook,
-    SceneVehicle, TAN_DELTA_MAX, VehicleId, VehicleModel,
+    ACCEL_MAX_MPS2, BRAKING_MAX_MPS2, Body, Footprint, RoadMarkings, Scenario, ScenarioError,
+    Scene, SceneLook, SceneVehicle, TAN_DELTA_MAX, VehicleId, VehicleModel,
     human::{Across, HumanDriver, Strip},
     idm::Idm,
     sample::{draw_model, draw_paint},
@@ -164,6 +165,8 @@ impl Traffic {
         Scene {
             time_s: self.time_s(),
             road: Arc::clone(&self.road),
+            markings: RoadMarkings::default(),
+            terrain: Arc::default(),
             vehicles: self
                 .vehicles
                 .iter()
@@ -171,6 +174,7 @@ impl Traffic {
                     id: vehicle.id,
                     model: vehicle.model,
                     paint: vehicle.paint,
+                    scale: Vector3::repeat(1.0),
                     state: vehicle.state,
                 })
                 .collect(),

@@ -1,4 +1,5 @@
 use covista_world::{BicycleState, LaneIndex, Road};
+use nalgebra::Vector3;
 use rand::Rng;
 use rand_distr::{Distribution, Normal};
 
@@ -187,6 +188,7 @@ fn place(
             id: VehicleId(vehicles.len() as u32),
             model,
             paint: draw_paint(model, rng),
+            scale: Vector3::repeat(1.0),
             state: BicycleState { pose, speed_mps },
         });
     }

@@ -22,6 +22,8 @@ pub(super) fn draw(rng: &mut impl Rng) -> SceneLook {
         paint_wear: rng.random_range(0.1..0.6),
         asphalt_albedo: rng.random_range(0.15..0.5),
         haze_per_m: 0.008 * haze * haze,
+        wetness: 0.0,
+        damage: 0.2,
         texture_seed: rng.random(),
     }
 }

@@ -120,6 +120,8 @@ impl LookEntry {
             paint_wear: self.paint_wear,
             asphalt_albedo: self.asphalt_albedo,
             haze_per_m: self.haze_per_m,
+            wetness: 0.0,
+            damage: 0.2,
             texture_seed,
         }
     }
