@@ -156,6 +156,7 @@ fn scenery(traffic: &Traffic) -> Vec<SceneryPart> {
             color: match part.material {
                 Material::CarPaint(color)
                 | Material::Plaster(color)
+                | Material::Cloth(color)
                 | Material::Reflector(color) => color,
                 Material::Concrete => [150, 150, 145],
                 Material::Metal => [120, 125, 130],
