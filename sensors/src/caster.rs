@@ -5,16 +5,16 @@ use std::sync::{Arc, OnceLock};
 
 use covista_traffic::{Material, Scene, SceneVehicle, Terrain, VehicleId, VehicleModel};
 use nalgebra::{Point3, Vector3};
-use parry3d::bounding_volume::Aabb;
-use parry3d::math::Vector;
-use parry3d::partitioning::{Bvh, BvhBuildStrategy, TraversalAction};
-use parry3d::query::{Ray, RayCast};
 
+use crate::bvh::{Bounds, Bvh};
+use crate::fan::Fan;
 use crate::hull::Hull;
 use crate::part::{Entry, Face, Part};
 
 /// By how much the bounds of a part reach beyond it, against rounding.
 const MARGIN_M: f32 = 1e-3;
+/// The same per metre from the world's origin.
+const ROUNDING: f32 = 1e-6;
 
 /// What a ray hit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -70,7 +70,7 @@ impl RayScene {
             terrain: Arc::clone(&scene.terrain),
             parts: Vec::new(),
             faces: Vec::new(),
-            bvh: Bvh::new(),
+            bvh: Bvh::default(),
             half_turn_s: if half_turn_s.is_finite() {
                 half_turn_s.abs() as f32
             } else {
@@ -94,11 +94,11 @@ impl RayScene {
                 bounds.push(rays.add(ObjectRef::Scenery(index), &hull, Vector3::zeros()));
             }
         }
-        rays.bvh = Bvh::from_leaves(BvhBuildStrategy::Binned, &bounds);
+        rays.bvh = Bvh::new(&bounds);
         rays
     }
 
-    fn add(&mut self, object: ObjectRef, hull: &Hull, velocity_mps: Vector3<f64>) -> Aabb {
+    fn add(&mut self, object: ObjectRef, hull: &Hull, velocity_mps: Vector3<f64>) -> Bounds {
         let anchor = hull.vertices[0].cast::<f32>();
         let velocity_mps = velocity_mps.cast::<f32>();
         let first_face = self.faces.len() as u32;
@@ -113,12 +113,20 @@ impl RayScene {
             material: hull.material,
             object,
         });
-        let corners = hull.vertices.iter();
-        let bounds =
-            Aabb::from_points(corners.map(|v| Vector::new(v.x as f32, v.y as f32, v.z as f32)));
+        let corners = hull
+            .vertices
+            .iter()
+            .map(|vertex| vertex.coords.cast::<f32>());
+        let (low, high) = corners.fold(
+            (Vector3::repeat(f32::MAX), Vector3::repeat(f32::MIN)),
+            |(low, high), corner| (low.inf(&corner), high.sup(&corner)),
+        );
         let way = velocity_mps.abs() * self.half_turn_s;
-        let margin = Vector::new(way.x, way.y, way.z) + Vector::splat(MARGIN_M);
-        Aabb::new(bounds.mins - margin, bounds.maxs + margin)
+        let margin = way.add_scalar(MARGIN_M + ROUNDING * low.amax().max(high.amax()));
+        Bounds {
+            low: low - margin,
+            high: high + margin,
+        }
     }
 
     /// The first surface that the ray from `origin` along the unit vector `direction` meets within
@@ -144,20 +152,24 @@ impl RayScene {
         dt_s: f32,
     ) -> Option<Hit> {
         let dt_s = self.within_turn(dt_s);
-        let ray = parry_ray(origin, direction);
         let skip = skip.map(ObjectRef::Vehicle);
-        let entry = |part: &Part, reach_m| {
-            part.entry(&self.faces, &part.local(origin, dt_s), direction, reach_m)
-        };
-        let (leaf, _) = self.bvh.cast_ray(&ray, max_m, |leaf, nearest_m| {
+        let mut reach_m = max_m;
+        let mut nearest: Option<(&Part, Entry)> = None;
+        self.bvh.along_ray(origin, direction, max_m, |leaf| {
             let part = &self.parts[leaf as usize];
             if Some(part.object) == skip {
-                return None;
+                return reach_m;
             }
-            entry(part, nearest_m).map(|entry| entry.distance_m)
-        })?;
-        let part = &self.parts[leaf as usize];
-        entry(part, max_m).map(|entry| self.hit(part, entry))
+            let from = part.local(origin, dt_s);
+            if let Some(entry) = part.entry(&self.faces, &from, direction, reach_m)
+                && nearest.is_none_or(|(_, known)| entry.is_before(&known))
+            {
+                reach_m = entry.distance_m;
+                nearest = Some((part, entry));
+            }
+            reach_m
+        });
+        nearest.map(|(part, entry)| self.hit(part, entry))
     }
 
     /// What each ray of a fan from one `origin` meets, `dt_s` after the scene's time.
@@ -172,15 +184,25 @@ impl RayScene {
         skip: Option<VehicleId>,
         dt_s: f32,
     ) -> Vec<Sighting> {
-        let sighting = |direction| {
-            let ground_m = self.ground_hit(origin, direction, max_m);
-            let reach_m = ground_m.unwrap_or(max_m);
-            Sighting {
-                ground_m,
-                hit: self.cast_at(origin, direction, reach_m, skip, dt_s),
-            }
+        let mut grounds = Vec::with_capacity(directions.len());
+        let ground = |way| self.ground_hit(origin, way, max_m);
+        grounds.extend(directions.iter().map(ground));
+        let reaches = grounds.iter().map(|ground_m| ground_m.unwrap_or(max_m));
+        let rays: Vec<_> = directions.iter().copied().zip(reaches).collect();
+        let single = |&(way, reach_m): &_| self.cast_at(origin, &way, reach_m, skip, dt_s);
+        let hits: Vec<_> = if let Some(mut fan) = Fan::new(origin, &rays) {
+            let skip = skip.map(ObjectRef::Vehicle);
+            let dt_s = self.within_turn(dt_s);
+            fan.cast(&self.bvh, &self.parts, &self.faces, skip, dt_s);
+            let hit = |(part, entry)| self.hit(&self.parts[part as usize], entry);
+            (0..rays.len()).map(|ray| fan.met(ray).map(hit)).collect()
+        } else {
+            rays.iter().map(single).collect()
         };
-        directions.iter().map(sighting).collect()
+        let sightings = grounds.into_iter().zip(hits);
+        sightings
+            .map(|(ground_m, hit)| Sighting { ground_m, hit })
+            .collect()
     }
 
     /// Distance along the ray to the ground, where it lies ahead within `max_m`.
@@ -236,33 +258,18 @@ impl RayScene {
         max_m: f32,
         blocks: impl Fn(ObjectRef) -> bool,
     ) -> bool {
-        let ray = parry_ray(origin, direction);
         let mut hit = false;
-        self.bvh.traverse(|node| {
-            if !node.aabb().intersects_local_ray(&ray, max_m) {
-                return TraversalAction::Prune;
-            }
-            let Some(leaf) = node.leaf_data() else {
-                return TraversalAction::Continue;
-            };
+        self.bvh.along_ray(origin, direction, max_m, |leaf| {
             let part = &self.parts[leaf as usize];
             let from = part.local(origin, 0.0);
-            hit = blocks(part.object) && part.entry(&self.faces, &from, direction, max_m).is_some();
-            if hit {
-                TraversalAction::EarlyExit
-            } else {
-                TraversalAction::Prune
-            }
+            hit = hit
+                || blocks(part.object)
+                    && part.entry(&self.faces, &from, direction, max_m).is_some();
+            // Nothing is left to be seen once something blocks.
+            if hit { f32::MIN } else { max_m }
         });
         hit
     }
-}
-
-fn parry_ray(origin: &Point3<f32>, direction: &Vector3<f32>) -> Ray {
-    Ray::new(
-        Vector::new(origin.x, origin.y, origin.z),
-        Vector::new(direction.x, direction.y, direction.z),
-    )
 }
 
 /// The hulls of a model in the vehicle frame, built once.

@@ -100,23 +100,29 @@ fn supporting_plane(
 ) -> Option<HalfSpace> {
     let (ab, ac) = (b - a, c - a);
     let cross = ab.cross(&ac);
+    let squared = cross.norm_squared();
     // Three points close to one line define no plane.
-    if cross.norm() < 1e-4 * ab.norm() * ac.norm() || cross.norm() < 1e-8 {
+    if squared < 1e-8 * ab.norm_squared() * ac.norm_squared() || squared < 1e-16 {
         return None;
     }
-    let normal = Unit::new_normalize(cross).into_inner();
-    let offset_m = normal.dot(&a.coords);
-    let distance = |point: &Point3<f64>| normal.dot(&point.coords) - offset_m;
-    if points.iter().all(|point| distance(point) <= TOLERANCE_M) {
-        Some(HalfSpace { normal, offset_m })
-    } else if points.iter().all(|point| distance(point) >= -TOLERANCE_M) {
-        Some(HalfSpace {
-            normal: -normal,
-            offset_m: -offset_m,
-        })
-    } else {
-        None
+    let tolerance = squared * TOLERANCE_M * TOLERANCE_M;
+    let (mut above, mut below) = (false, false);
+    for point in points {
+        let height = cross.dot(&(point - a));
+        if height * height > tolerance {
+            above |= height > 0.0;
+            below |= height < 0.0;
+            if above && below {
+                return None;
+            }
+        }
     }
+    let outwards = if above { -cross } else { cross };
+    let normal = Unit::new_normalize(outwards).into_inner();
+    Some(HalfSpace {
+        normal,
+        offset_m: normal.dot(&a.coords),
+    })
 }
 
 #[cfg(test)]

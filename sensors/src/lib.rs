@@ -7,10 +7,12 @@
 
 mod appearance;
 mod boxes;
+mod bvh;
 mod camera;
 mod caster;
 mod dataset;
 mod exposure;
+mod fan;
 mod ground;
 mod hull;
 pub mod kitti;

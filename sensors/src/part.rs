@@ -25,6 +25,14 @@ pub(crate) struct Entry {
     pub(crate) face: u32,
 }
 
+impl Entry {
+    /// Whether this comes before the other, with a rule for two at the same distance.
+    pub(crate) fn is_before(&self, other: &Self) -> bool {
+        self.distance_m < other.distance_m
+            || self.distance_m <= other.distance_m && self.face < other.face
+    }
+}
+
 impl Part {
     /// A point of the world in the frame of the part's half-spaces, `dt_s` after the scene's time.
     pub(crate) fn local(&self, point: &Point3<f32>, dt_s: f32) -> Vector3<f32> {
