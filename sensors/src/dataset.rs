@@ -178,7 +178,7 @@ impl<'a> Generator<'a> {
             split: self.spec.split,
             frames: self.spec.frames,
             start: self.spec.start,
-            lidar: [self.lidar.elevations_rad.len() as u32, self.lidar.columns],
+            lidar: [self.lidar.beams.len() as u32, self.lidar.columns],
             image_px: [intrinsics.width_px, intrinsics.height_px],
         }
     }
@@ -237,9 +237,9 @@ impl<'a> Generator<'a> {
         let view = Viewpoint::new(&scene, &rays, ego, &self.calibration)
             .ok_or("the scene lacks its own vehicle")
             .map_err(encoding(frame))?;
-        let cloud = self.lidar.sweep(&view, self.lidar_seed ^ frame);
+        let swept = self.lidar.sweep_labelled(&view, self.lidar_seed ^ frame);
         let image = take_picture(&view, self.camera_seed ^ frame);
-        let labels: String = truth_boxes(&view, &cloud)
+        let labels: String = truth_boxes(&view, &swept)
             .iter()
             .filter(|truth| truth.lidar_points > 0)
             .filter(|truth| truth.center_m.xy().norm() <= LABEL_RANGE_M)
@@ -251,7 +251,7 @@ impl<'a> Generator<'a> {
         )
         .map_err(encoding(frame))?;
         Ok([
-            ("velodyne", "bin", cloud_bytes(&cloud)),
+            ("velodyne", "bin", cloud_bytes(&swept.cloud)),
             ("image_2", "png", png(&image).map_err(encoding(frame))?),
             (
                 "calib",

@@ -32,7 +32,7 @@ pub use boxes::{TruthBox, in_line_of_sight, truth_boxes, truth_detections};
 pub use camera::take_picture;
 pub use caster::{Hit, ObjectRef, RayScene, Sighting};
 pub use dataset::{DatasetError, DatasetSpec, Manifest, Split, write_dataset};
-pub use lidar::Lidar;
+pub use lidar::{Beam, LabelledCloud, Lidar, LidarError, Motion, PointLabel};
 pub use marks::{MarkTruth, true_marks};
 pub use tusimple::tusimple_line;
 pub use viewpoint::Viewpoint;
