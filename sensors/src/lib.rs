@@ -18,8 +18,11 @@ mod lidar;
 mod marks;
 mod noise;
 mod pavement;
+mod pixel_rays;
 mod shadow;
+mod sight;
 mod silhouette;
+mod solids;
 #[cfg(test)]
 mod testing;
 mod tusimple;
