@@ -84,10 +84,10 @@ impl HalfSpace {
         (self.normal - other.normal).norm_squared() < 1e-8
     }
 
-    /// Normal and offset in single precision.
-    pub(crate) fn to_f32(self) -> [f32; 4] {
+    /// Normal and offset about `anchor` in single precision.
+    pub(crate) fn about(&self, anchor: &Point3<f64>) -> [f32; 4] {
         let n = self.normal;
-        [n.x, n.y, n.z, self.offset_m].map(|value| value as f32)
+        [n.x, n.y, n.z, self.offset_m - n.dot(&anchor.coords)].map(|value| value as f32)
     }
 }
 

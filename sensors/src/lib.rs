@@ -7,16 +7,19 @@
 
 mod appearance;
 mod boxes;
+mod bvh;
 mod camera;
 mod caster;
 mod dataset;
 mod exposure;
+mod fan;
 mod ground;
 mod hull;
 pub mod kitti;
 mod lidar;
 mod marks;
 mod noise;
+mod part;
 mod pavement;
 mod pixel_rays;
 mod shadow;
@@ -30,7 +33,7 @@ mod viewpoint;
 
 pub use boxes::{TruthBox, in_line_of_sight, truth_boxes, truth_detections};
 pub use camera::take_picture;
-pub use caster::{Hit, ObjectRef, RayScene, ground_hit};
+pub use caster::{Hit, ObjectRef, RayScene, Sighting};
 pub use dataset::{DatasetError, DatasetSpec, Manifest, Split, write_dataset};
 pub use lidar::Lidar;
 pub use marks::{MarkTruth, true_marks};
