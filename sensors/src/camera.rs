@@ -63,12 +63,14 @@ impl<'a> Picture<'a> {
         let sun = &scene.look.sun_direction;
         let casts = scene.look.direct_light > 0.01 && sun.z > 0.0;
         let shadows = rays
-            .parts()
+            .solids()
             .filter(|_| casts)
-            .filter_map(|part| silhouette(&on_ground(&scene.terrain, part.vertices, sun)));
-        let contacts = scene.vehicles.iter().map(Contact::new).filter_map(|contact| {
-            Some((silhouette(&contact.corners(&scene.terrain))?, contact))
-        });
+            .filter_map(|solid| silhouette(&on_ground(&scene.terrain, solid.vertices, sun)));
+        let contacts = scene
+            .vehicles
+            .iter()
+            .map(Contact::new)
+            .filter_map(|contact| Some((silhouette(&contact.corners(&scene.terrain))?, contact)));
         Self {
             view,
             sight: Sight::new(view),
@@ -165,10 +167,7 @@ impl<'a> Picture<'a> {
         let outside = point + normal * CLEARANCE_M;
         let lit = self.light.sun.x > 0.01
             && normal.dot(sun) > 0.0
-            && !self
-                .view
-                .rays
-                .occluded(&outside, sun, SHADOW_REACH_M, None);
+            && !self.view.rays.occluded(&outside, sun, SHADOW_REACH_M, None);
         if lit { 1.0 } else { 0.0 }
     }
 }

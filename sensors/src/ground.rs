@@ -133,8 +133,19 @@ impl<'a> GroundView<'a> {
         ];
         let size_px = [width / 2, height / 2];
         for (index, corners) in quarters.into_iter().enumerate() {
-            let (u, v) = (cell.u + index % 2 * size_px[0], cell.v + index / 2 * size_px[1]);
-            self.fill(&Cell { u, v, size_px, corners }, tile);
+            let (u, v) = (
+                cell.u + index % 2 * size_px[0],
+                cell.v + index / 2 * size_px[1],
+            );
+            self.fill(
+                &Cell {
+                    u,
+                    v,
+                    size_px,
+                    corners,
+                },
+                tile,
+            );
         }
     }
 

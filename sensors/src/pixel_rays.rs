@@ -14,10 +14,7 @@ pub(crate) struct PixelRays {
 }
 
 impl PixelRays {
-    pub(crate) fn new(
-        intrinsics: &CameraIntrinsics,
-        world_from_camera: &Isometry3<f64>,
-    ) -> Self {
+    pub(crate) fn new(intrinsics: &CameraIntrinsics, world_from_camera: &Isometry3<f64>) -> Self {
         let through = |u: f64, v: f64| world_from_camera.rotation * intrinsics.ray(u, v);
         let corner = through(0.0, 0.0);
         Self {
@@ -44,15 +41,19 @@ impl PixelRays {
     }
 
     /// The reciprocal of the depth at which the ray through (u, v) meets the plane
-    /// `normal . p = offset_m`, as the factors of u, v and 1, and on which side of the plane the eye
-    /// is; `None` where it is in the plane.
+    /// `normal . (p - anchor) = offset_m`, as the factors of u, v and 1, and how far the eye is
+    /// below the plane; `None` where it lies in it.
     pub(crate) fn nearness_of_plane(
         &self,
         normal: &Vector3<f64>,
+        anchor: &Point3<f64>,
         offset_m: f64,
     ) -> Option<([f64; 3], f64)> {
-        let gap_m = offset_m - normal.dot(&self.eye.coords);
+        let gap_m = offset_m - normal.dot(&(self.eye - anchor));
         let along = [self.right, self.down, self.corner].map(|step| normal.dot(&step) / gap_m);
-        along.iter().all(|x| x.is_finite()).then_some((along, gap_m))
+        along
+            .iter()
+            .all(|x| x.is_finite())
+            .then_some((along, gap_m))
     }
 }

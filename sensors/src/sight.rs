@@ -1,11 +1,11 @@
 use covista_traffic::Material;
 use nalgebra::{Point3, Vector3};
 
-use crate::{ObjectRef, Viewpoint};
 use crate::ground::{Ground, GroundView, TILE_PX};
 use crate::noise::octaves;
 use crate::pixel_rays::PixelRays;
 use crate::solids::{Face, Fragment, Layers, Solids};
+use crate::{ObjectRef, Viewpoint};
 
 const LEAVES_SEED: u32 = 0x1EAF;
 /// Wavelengths in metres and weights of the gaps between leaves.
@@ -47,7 +47,7 @@ impl<'a> Sight<'a> {
         let rays = PixelRays::new(intrinsics, &world_from_camera);
         let (width, height) = (intrinsics.width_px as usize, intrinsics.height_px as usize);
         let own = ObjectRef::Vehicle(view.ego.id);
-        let others = view.rays.parts().filter(|part| part.object != own);
+        let others = view.rays.solids().filter(|solid| solid.part.object != own);
         Self {
             rays,
             ground: GroundView::new(
@@ -109,11 +109,14 @@ impl<'a> Sight<'a> {
         if nearest.nearness <= behind {
             return seen;
         }
-        let solid = |fragment: Fragment| {
-            Seen::Solid(self.solids.face(fragment), 1.0 / fragment.nearness)
-        };
+        let solid =
+            |fragment: Fragment| Seen::Solid(self.solids.face(fragment), 1.0 / fragment.nearness);
         if self.is_gap(u, v, nearest) {
-            if next.nearness > behind { solid(next) } else { seen }
+            if next.nearness > behind {
+                solid(next)
+            } else {
+                seen
+            }
         } else {
             solid(nearest)
         }

@@ -2,7 +2,7 @@ use covista_traffic::Material;
 use covista_world::CameraIntrinsics;
 use nalgebra::{Isometry3, Vector3};
 
-use crate::caster::{ObjectRef, SolidPart};
+use crate::caster::{ObjectRef, Solid};
 use crate::pixel_rays::PixelRays;
 use crate::silhouette::Silhouette;
 
@@ -15,11 +15,12 @@ const NEAREST_FACE_M: f64 = 1e-6;
 /// reciprocal of a plane's depth is affine in (u, v): so a part is drawn row by row between the
 /// ends of its silhouette.
 pub(crate) struct Solids {
-    parts: Vec<Solid>,
+    parts: Vec<Shape>,
     faces: Vec<Face>,
 }
 
-struct Solid {
+/// A part's outline in the image and its run of faces.
+struct Shape {
     outline: Silhouette,
     first_face: u32,
     end_face: u32,
@@ -59,7 +60,7 @@ pub(crate) type Layers = [Fragment; 2];
 impl Solids {
     /// The `parts` that the image holds.
     pub(crate) fn new<'p>(
-        parts: impl Iterator<Item = SolidPart<'p>>,
+        parts: impl Iterator<Item = Solid<'p>>,
         intrinsics: &CameraIntrinsics,
         world_from_camera: &Isometry3<f64>,
         rays: &PixelRays,
@@ -70,30 +71,40 @@ impl Solids {
             faces: Vec::new(),
         };
         let mut corners = Vec::new();
-        for part in parts {
+        for Solid {
+            part,
+            faces,
+            vertices,
+        } in parts
+        {
             corners.clear();
-            let vertices = part.vertices.iter();
-            corners.extend(vertices.map(|vertex| camera_from_world * vertex.cast::<f64>()));
+            corners.extend(
+                vertices
+                    .iter()
+                    .map(|vertex| camera_from_world * vertex.cast::<f64>()),
+            );
             let Some(outline) = Silhouette::new(intrinsics, &corners) else {
                 continue;
             };
             let first_face = solids.faces.len() as u32;
-            let faces = part.faces.iter();
-            solids.faces.extend(faces.filter_map(|&[x, y, z, offset_m]| {
-                let normal = Vector3::new(x, y, z);
-                let (nearness, gap_m) =
-                    rays.nearness_of_plane(&normal.cast(), f64::from(offset_m))?;
-                (gap_m < -NEAREST_FACE_M).then_some(Face {
-                    nearness,
-                    normal,
-                    material: part.material,
-                    object: part.object,
-                })
-            }));
+            let anchor = part.anchor.cast::<f64>();
+            solids
+                .faces
+                .extend(faces.iter().filter_map(|&[x, y, z, offset_m]| {
+                    let normal = Vector3::new(x, y, z);
+                    let (nearness, gap_m) =
+                        rays.nearness_of_plane(&normal.cast(), &anchor, f64::from(offset_m))?;
+                    (gap_m < -NEAREST_FACE_M).then_some(Face {
+                        nearness,
+                        normal,
+                        material: part.material,
+                        object: part.object,
+                    })
+                }));
             let end_face = solids.faces.len() as u32;
             // A part that holds the eye has no face towards it, and is looked through.
             if end_face > first_face {
-                solids.parts.push(Solid {
+                solids.parts.push(Shape {
                     outline,
                     first_face,
                     end_face,
@@ -146,7 +157,7 @@ impl Solids {
     }
 
     /// Where the rays of a run of pixels from (`u`, `v`) to the right enter the part.
-    fn enter(&self, part: &Solid, u: f64, v: f64, run: &mut [Fragment]) {
+    fn enter(&self, part: &Shape, u: f64, v: f64, run: &mut [Fragment]) {
         run.fill(Fragment::UNBOUNDED);
         for face in part.first_face..part.end_face {
             let [per_u, per_v, constant] = self.faces[face as usize].nearness;
