@@ -47,12 +47,22 @@ pub struct Sighting {
     pub hit: Option<Hit>,
 }
 
+/// A convex part in the world frame with its outline.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Solid<'a> {
+    pub(crate) part: &'a Part,
+    pub(crate) faces: &'a [Face],
+    pub(crate) vertices: &'a [Point3<f32>],
+}
+
 /// A scene made ready for ray casting, in the world frame.
 #[derive(Debug, Clone)]
 pub struct RayScene {
     terrain: Arc<Terrain>,
     parts: Vec<Part>,
     faces: Vec<Face>,
+    /// The vertices of each part.
+    vertices: Vec<Box<[Point3<f32>]>>,
     bvh: Bvh,
     half_turn_s: f32,
 }
@@ -70,6 +80,7 @@ impl RayScene {
             terrain: Arc::clone(&scene.terrain),
             parts: Vec::new(),
             faces: Vec::new(),
+            vertices: Vec::new(),
             bvh: Bvh::default(),
             half_turn_s: if half_turn_s.is_finite() {
                 half_turn_s.abs() as f32
@@ -113,20 +124,28 @@ impl RayScene {
             material: hull.material,
             object,
         });
-        let corners = hull
-            .vertices
-            .iter()
-            .map(|vertex| vertex.coords.cast::<f32>());
-        let (low, high) = corners.fold(
+        let vertices: Box<_> = hull.vertices.iter().map(|vertex| vertex.cast()).collect();
+        let (low, high) = vertices.iter().fold(
             (Vector3::repeat(f32::MAX), Vector3::repeat(f32::MIN)),
-            |(low, high), corner| (low.inf(&corner), high.sup(&corner)),
+            |(low, high), vertex| (low.inf(&vertex.coords), high.sup(&vertex.coords)),
         );
+        self.vertices.push(vertices);
         let way = velocity_mps.abs() * self.half_turn_s;
         let margin = way.add_scalar(MARGIN_M + ROUNDING * low.amax().max(high.amax()));
         Bounds {
             low: low - margin,
             high: high + margin,
         }
+    }
+
+    /// All convex parts at the scene's time.
+    pub(crate) fn solids(&self) -> impl Iterator<Item = Solid<'_>> {
+        let parts = self.parts.iter().zip(&self.vertices);
+        parts.map(|(part, vertices)| Solid {
+            part,
+            faces: &self.faces[part.first_face as usize..part.end_face as usize],
+            vertices,
+        })
     }
 
     /// The first surface that the ray from `origin` along the unit vector `direction` meets within

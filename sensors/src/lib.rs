@@ -21,8 +21,11 @@ mod marks;
 mod noise;
 mod part;
 mod pavement;
+mod pixel_rays;
 mod shadow;
+mod sight;
 mod silhouette;
+mod solids;
 #[cfg(test)]
 mod testing;
 mod tusimple;
