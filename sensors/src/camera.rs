@@ -80,7 +80,7 @@ impl<'a> Picture<'a> {
             view,
             world_from_camera,
             light: Light::new(&scene.look),
-            pavement: Pavement::new(&scene.road, &scene.look),
+            pavement: Pavement::new(scene),
             shadows: shadows.collect(),
             solids: parts.iter().filter_map(|part| silhouette(part)).collect(),
             contacts: contacts
@@ -119,8 +119,10 @@ impl<'a> Picture<'a> {
                     .filter(|((from, to), _)| (*from..=*to).contains(&u))
                     .map(|(_, contact)| contact.openness(patch.position))
                     .fold(1.0, f32::min);
-                let light = self.light.on_ground(1.0 - shadow[column], openness);
-                let color = self.pavement.albedo(&patch).component_mul(&light);
+                let sunlit = 1.0 - shadow[column];
+                let color = self
+                    .pavement
+                    .radiance(&patch, &self.light, &ray, sunlit, openness);
                 self.light.through_haze(color, distance_m)
             } else {
                 self.light.sky(&ray)

@@ -15,13 +15,16 @@ mod ground;
 mod hull;
 pub mod kitti;
 mod lidar;
+mod light;
 mod marks;
 mod noise;
 mod pavement;
 mod shadow;
 mod silhouette;
+mod skyline;
 #[cfg(test)]
 mod testing;
+mod tile;
 mod tusimple;
 mod viewpoint;
 
