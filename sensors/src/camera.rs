@@ -75,7 +75,7 @@ impl<'a> Picture<'a> {
             view,
             sight: Sight::new(view),
             light: Light::new(&scene.look),
-            pavement: Pavement::new(&scene.road, &scene.look),
+            pavement: Pavement::new(scene),
             shadows: shadows.collect(),
             contacts: contacts.collect(),
         }
@@ -142,8 +142,14 @@ impl<'a> Picture<'a> {
                         .filter(|([from, to], _)| (*from..=*to).contains(&u))
                         .map(|(_, contact)| contact.openness(position))
                         .fold(1.0, f32::min);
-                    let light = self.light.on_ground(1.0 - shaded, openness);
-                    let color = self.pavement.albedo(&ground.patch).component_mul(&light);
+                    let sunlit = 1.0 - shaded;
+                    let color = self.pavement.radiance(
+                        &ground.patch,
+                        &self.light,
+                        &direction,
+                        sunlit,
+                        openness,
+                    );
                     self.light.through_haze(color, depth_m * length)
                 }
                 Seen::Solid(face, depth_m) => {

@@ -17,6 +17,7 @@ mod ground;
 mod hull;
 pub mod kitti;
 mod lidar;
+mod light;
 mod marks;
 mod noise;
 mod part;
@@ -25,9 +26,11 @@ mod pixel_rays;
 mod shadow;
 mod sight;
 mod silhouette;
+mod skyline;
 mod solids;
 #[cfg(test)]
 mod testing;
+mod tile;
 mod tusimple;
 mod viewpoint;
 
