@@ -1,12 +1,16 @@
 //! Files in the layout of the KITTI object benchmark.
 
+mod calibration;
+mod folder;
 mod label;
 
 use std::path::Path;
 
-use covista_world::{Calibration, CameraIntrinsics, PointCloud};
-use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use covista_world::{CameraImage, PointCloud};
+use image::ImageReader;
 
+pub use calibration::{calibration_text, read_calibration};
+pub use folder::{KittiFrame, kitti_frames};
 pub use label::KittiLabel;
 
 const POINT_BYTES: usize = 16;
@@ -32,17 +36,21 @@ pub enum KittiError {
         /// Its length.
         bytes: usize,
     },
-    /// A point has a number that is not finite.
+    /// Some points have a number that is not finite.
     #[error(
-        "{path}: point {index} has a coordinate or reflectance that is not finite; remove such points first"
+        "{path}: {count} of {points} points have a coordinate or reflectance that is not finite, the first is point {first}; remove such points first"
     )]
     NotFinite {
         /// The file.
         path: String,
-        /// Which point, from 0.
-        index: usize,
+        /// How many such points.
+        count: usize,
+        /// Points in all.
+        points: usize,
+        /// The first such point, from 0.
+        first: usize,
     },
-    /// A text file lacks an entry or has an unusable one.
+    /// A file is empty, lacks an entry or has an unusable one.
     #[error("{path}: {what}")]
     Malformed {
         /// The file.
@@ -50,9 +58,14 @@ pub enum KittiError {
         /// What is wrong and what is expected.
         what: String,
     },
+    /// A folder has no frame.
+    #[error(
+        "{0} holds no frame (velodyne/000000.bin, image_2/000000.png); name a folder in KITTI's layout, or write one with `covista dataset --out {0} --frames 100`"
+    )]
+    NoFrames(String),
 }
 
-fn io_error(path: &Path) -> impl Fn(std::io::Error) -> KittiError {
+pub(crate) fn io_error(path: &Path) -> impl Fn(std::io::Error) -> KittiError {
     let path = path.display().to_string();
     move |source| KittiError::Io {
         path: path.clone(),
@@ -60,10 +73,18 @@ fn io_error(path: &Path) -> impl Fn(std::io::Error) -> KittiError {
     }
 }
 
+fn malformed<E: std::fmt::Display>(path: &Path) -> impl Fn(E) -> KittiError {
+    let path = path.display().to_string();
+    move |what| KittiError::Malformed {
+        path: path.clone(),
+        what: what.to_string(),
+    }
+}
+
 /// Reads a velodyne `.bin`: x, y, z in metres in the LIDAR frame and the reflectance of each point.
 ///
 /// # Errors
-/// When the file can't be read, is truncated or has a number that is not finite.
+/// When the file can't be read, is empty or truncated or has a number that is not finite.
 pub fn read_cloud(path: &Path) -> Result<PointCloud, KittiError> {
     let bytes = std::fs::read(path).map_err(io_error(path))?;
     if !bytes.len().is_multiple_of(POINT_BYTES) {
@@ -72,17 +93,22 @@ pub fn read_cloud(path: &Path) -> Result<PointCloud, KittiError> {
             bytes: bytes.len(),
         });
     }
+    if bytes.is_empty() {
+        return Err(malformed(path)("the file is empty: a sweep has points"));
+    }
     let (values, _) = bytes.as_chunks::<4>();
     let (points, _) = values.as_chunks::<4>();
     let points: Vec<[f32; 4]> = points
         .iter()
         .map(|point| point.map(f32::from_le_bytes))
         .collect();
-    let bad = |point: &[f32; 4]| point.iter().any(|value| !value.is_finite());
-    match points.iter().position(bad) {
-        Some(index) => Err(KittiError::NotFinite {
+    let is_bad = |point: &[f32; 4]| point.iter().any(|value| !value.is_finite());
+    match points.iter().position(is_bad) {
+        Some(first) => Err(KittiError::NotFinite {
             path: path.display().to_string(),
-            index,
+            count: points.iter().filter(|point| is_bad(point)).count(),
+            points: points.len(),
+            first,
         }),
         None => Ok(PointCloud { points }),
     }
@@ -94,106 +120,40 @@ pub fn cloud_bytes(cloud: &PointCloud) -> Vec<u8> {
     values.flat_map(|value| value.to_le_bytes()).collect()
 }
 
-/// Reads a calibration file: camera 2 and where it sits relative to the LIDAR, which is mounted
-/// on the vehicle as in [`Calibration::kitti`].
+/// Reads the labels of a frame, `DontCare` regions included.
 ///
 /// # Errors
-/// When the file can't be read, or `P2`, `R0_rect` or `Tr_velo_to_cam` is missing or malformed.
-pub fn read_calibration(path: &Path) -> Result<Calibration, KittiError> {
+/// When the file can't be read or a line is no label.
+pub fn read_labels(path: &Path) -> Result<Vec<KittiLabel>, KittiError> {
     let text = std::fs::read_to_string(path).map_err(io_error(path))?;
-    let malformed = |what: String| KittiError::Malformed {
-        path: path.display().to_string(),
-        what,
-    };
-    let p2: [f64; 12] = numbers(&text, "P2").map_err(malformed)?;
-    let r0: [f64; 9] = numbers(&text, "R0_rect").map_err(malformed)?;
-    let tr: [f64; 12] = numbers(&text, "Tr_velo_to_cam").map_err(malformed)?;
-    if p2[0] <= 0.0 || p2[5] <= 0.0 {
-        let what = "P2 has a focal length that is not positive";
-        return Err(malformed(what.to_owned()));
-    }
-    let rectified = isometry(
-        Matrix3::from_row_slice(&r0),
-        // P2's fourth column is the baseline from camera 0, in pixels.
-        Vector3::new(
-            (p2[3] - p2[2] * p2[11]) / p2[0],
-            (p2[7] - p2[6] * p2[11]) / p2[5],
-            p2[11],
-        ),
-    );
-    let rotation = Matrix3::new(
-        tr[0], tr[1], tr[2], tr[4], tr[5], tr[6], tr[8], tr[9], tr[10],
-    );
-    let camera_from_lidar = rectified * isometry(rotation, Vector3::new(tr[3], tr[7], tr[11]));
-    let vehicle_from_lidar = Calibration::kitti().vehicle_from_lidar;
-    Ok(Calibration {
-        intrinsics: CameraIntrinsics {
-            fx_px: p2[0],
-            fy_px: p2[5],
-            cx_px: p2[2],
-            cy_px: p2[6],
-            ..CameraIntrinsics::KITTI
-        },
-        vehicle_from_lidar,
-        vehicle_from_camera: vehicle_from_lidar * camera_from_lidar.inverse(),
+    let lines = text.lines().enumerate();
+    lines
+        .filter(|(_, line)| !line.trim().is_empty())
+        .map(|(index, line)| {
+            line.parse()
+                .map_err(|what: String| malformed(path)(format!("line {}: {what}", index + 1)))
+        })
+        .collect()
+}
+
+/// Reads a picture in PNG or JPEG.
+///
+/// # Errors
+/// When the file can't be read or is no picture.
+pub fn read_image(path: &Path) -> Result<CameraImage, KittiError> {
+    let reader = ImageReader::open(path)
+        .and_then(ImageReader::with_guessed_format)
+        .map_err(io_error(path))?;
+    let image = reader.decode().map_err(malformed(path))?.into_rgb8();
+    Ok(CameraImage {
+        width_px: image.width(),
+        height_px: image.height(),
+        rgb: image.into_raw(),
     })
-}
-
-fn isometry(rotation: Matrix3<f64>, translation: Vector3<f64>) -> Isometry3<f64> {
-    let rotation = Rotation3::from_matrix(&rotation);
-    Isometry3::from_parts(
-        Translation3::from(translation),
-        UnitQuaternion::from_rotation_matrix(&rotation),
-    )
-}
-
-/// The numbers of the line `name: ...`.
-fn numbers<const N: usize>(text: &str, name: &str) -> Result<[f64; N], String> {
-    let line = text
-        .lines()
-        .find_map(|line| line.strip_prefix(name)?.strip_prefix(':'))
-        .ok_or_else(|| format!("there is no line `{name}:`"))?;
-    let values: Vec<f64> = line
-        .split_whitespace()
-        .map_while(|word| word.parse().ok().filter(|value: &f64| value.is_finite()))
-        .collect();
-    <[f64; N]>::try_from(values).map_err(|values| {
-        format!(
-            "`{name}` needs {N} finite numbers, {} can be read",
-            values.len()
-        )
-    })
-}
-
-/// The text of a calibration file.
-pub fn calibration_text(calibration: &Calibration) -> String {
-    let camera = calibration.intrinsics;
-    let projection = format!(
-        "{:e} 0 {:e} 0 0 {:e} {:e} 0 0 0 1 0",
-        camera.fx_px, camera.cx_px, camera.fy_px, camera.cy_px
-    );
-    let rows = |isometry: Isometry3<f64>| {
-        let matrix = isometry.to_homogeneous();
-        let cells = (0..12).map(|cell| format!("{:e}", matrix[(cell / 4, cell % 4)]));
-        cells.collect::<Vec<_>>().join(" ")
-    };
-    let mut text: String = (0..4).map(|i| format!("P{i}: {projection}\n")).collect();
-    text += "R0_rect: 1 0 0 0 1 0 0 0 1\n";
-    text += &format!(
-        "Tr_velo_to_cam: {}\n",
-        rows(calibration.camera_from_lidar())
-    );
-    text += &format!(
-        "Tr_imu_to_velo: {}\n",
-        rows(calibration.vehicle_from_lidar.inverse())
-    );
-    text
 }
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::Point3;
-
     use super::*;
 
     #[test]
@@ -216,41 +176,31 @@ mod tests {
         };
         std::fs::write(&path, cloud_bytes(&nan)).expect("written");
         let message = read_cloud(&path).expect_err("refused").to_string();
-        assert!(message.contains("point 1"), "{message}");
+        assert!(message.contains("1 of 2 points"), "{message}");
+        assert!(message.contains("the first is point 1"), "{message}");
     }
 
     #[test]
-    fn a_calibration_survives_its_text_and_a_missing_line_is_named() {
+    fn empty_sweeps_short_labels_and_torn_pictures_are_named() {
         let folder = tempfile::tempdir().expect("a folder");
-        let path = folder.path().join("calib.txt");
-        let calibration = Calibration::kitti();
-        let text = calibration_text(&calibration);
-        std::fs::write(&path, &text).expect("written");
-        let back = read_calibration(&path).expect("a calibration");
-        assert_eq!(back.intrinsics, calibration.intrinsics);
-        let point = Point3::new(20.0, -3.0, 1.0);
-        let gap = back.camera_from_lidar() * point - calibration.camera_from_lidar() * point;
-        assert!(gap.norm() < 1e-9);
+        let path = folder.path().join("file");
+        let message = |error: KittiError| error.to_string();
+        std::fs::write(&path, b"").expect("written");
+        let said = message(read_cloud(&path).expect_err("refused"));
+        assert!(said.contains("the file is empty"), "{said}");
+        assert_eq!(read_labels(&path).expect("no label"), []);
+        assert!(read_image(&path).is_err());
 
-        std::fs::write(&path, text.replace("Tr_velo_to_cam", "Tr")).expect("written");
-        let message = read_calibration(&path).expect_err("refused").to_string();
-        assert!(message.contains("`Tr_velo_to_cam:`"), "{message}");
-        std::fs::write(&path, text.replace("R0_rect: 1", "R0_rect: nan")).expect("written");
-        let message = read_calibration(&path).expect_err("refused").to_string();
-        assert!(message.contains("9 finite numbers"), "{message}");
-    }
-
-    #[test]
-    fn the_baseline_of_camera_2_shifts_the_camera() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let path = folder.path().join("calib.txt");
-        let text = calibration_text(&Calibration::kitti()).replace(
-            "P2: 7.215377e2 0 6.095593e2 0",
-            "P2: 7.215377e2 0 6.095593e2 44.85728",
+        let label =
+            "Car 0.00 0 1.74 741.18 168.83 792.25 208.43 1.70 1.63 4.08 7.24 1.55 33.20 1.95";
+        std::fs::write(&path, format!("{label} 0.97\n{label}\nCar 0 0 1.74 7\n")).expect("written");
+        let said = message(read_labels(&path).expect_err("refused"));
+        assert!(
+            said.contains("file: line 3: a label needs 15 columns and has 5"),
+            "{said}"
         );
-        std::fs::write(&path, text).expect("written");
-        let calibration = read_calibration(&path).expect("a calibration");
-        let seen = calibration.camera_from_lidar() * Point3::new(10.27, 0.0, -0.08);
-        assert!((seen.x - 44.85728 / 721.5377).abs() < 1e-9, "{seen}");
+
+        std::fs::write(&path, b"\x89PNG\r\n\x1a\n").expect("written");
+        assert!(message(read_image(&path).expect_err("refused")).contains("file: "));
     }
 }

@@ -1,5 +1,8 @@
 use covista_world::{MARK_COUNT, ROW_ANCHORS};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
+
+/// u of each mark at each of the [`ROW_ANCHORS`], where it is seen.
+pub type MarkPixels = [[Option<f32>; ROW_ANCHORS.len()]; MARK_COUNT];
 
 /// Labels of one image in TuSimple's layout.
 #[derive(Serialize)]
@@ -18,10 +21,7 @@ const NOT_SEEN: f64 = -2.0;
 ///
 /// # Errors
 /// When a pixel is no JSON number.
-pub fn tusimple_line(
-    raw_file: &str,
-    pixels: &[[Option<f32>; ROW_ANCHORS.len()]; MARK_COUNT],
-) -> Result<String, serde_json::Error> {
+pub fn tusimple_line(raw_file: &str, pixels: &MarkPixels) -> Result<String, serde_json::Error> {
     let column = |u: &Option<f32>| u.map_or(NOT_SEEN, |u| (f64::from(u) * 100.0).round() / 100.0);
     serde_json::to_string(&Record {
         raw_file,
@@ -29,6 +29,61 @@ pub fn tusimple_line(
         h_samples: ROW_ANCHORS.map(|anchor| anchor.0),
         run_time: 0,
     })
+}
+
+/// The marks of a TuSimple line at the [`ROW_ANCHORS`] of a picture that is `scale` (across, down)
+/// times as large as the labelled one: straight lines between its samples.
+///
+/// # Errors
+/// When the text is no such line or has more lanes than the road has marks.
+pub fn read_tusimple_line(text: &str, scale: [f64; 2]) -> Result<MarkPixels, String> {
+    let line: Line = serde_json::from_str(text).map_err(|error| error.to_string())?;
+    if line.lanes.len() > MARK_COUNT {
+        let count = line.lanes.len();
+        return Err(format!("{count} lanes, and at most {MARK_COUNT} are known"));
+    }
+    if let Some(lane) = line
+        .lanes
+        .iter()
+        .find(|lane| lane.len() != line.h_samples.len())
+    {
+        let (found, rows) = (lane.len(), line.h_samples.len());
+        return Err(format!("a lane has {found} places for {rows} h_samples"));
+    }
+    let mut marks = [[None; ROW_ANCHORS.len()]; MARK_COUNT];
+    for (mark, lane) in marks.iter_mut().zip(&line.lanes) {
+        for (u, anchor) in mark.iter_mut().zip(&ROW_ANCHORS) {
+            let row = f64::from(anchor.0) / scale[1];
+            *u = column_at(row, &line.h_samples, lane).map(|u| (u * scale[0]) as f32);
+        }
+    }
+    Ok(marks)
+}
+
+/// The part of a line that is read.
+#[derive(Deserialize)]
+struct Line {
+    lanes: Vec<Vec<f64>>,
+    h_samples: Vec<f64>,
+}
+
+/// Where a lane crosses `row`, if it is seen at the samples on both sides.
+fn column_at(row: f64, rows: &[f64], columns: &[f64]) -> Option<f64> {
+    let seen = |index: usize| columns.get(index).copied().filter(|&u| u >= 0.0);
+    let above = rows
+        .partition_point(|&sample| sample <= row)
+        .checked_sub(1)?;
+    let share = match rows.get(above + 1) {
+        Some(&below) => (row - rows[above]) / (below - rows[above]),
+        None if row > rows[above] => return None,
+        None => 0.0,
+    };
+    let u = seen(above)?;
+    if share > 0.0 {
+        Some(u + share * (seen(above + 1)? - u))
+    } else {
+        Some(u)
+    }
 }
 
 #[cfg(test)]
@@ -49,5 +104,34 @@ mod tests {
         assert_eq!(json["lanes"].as_array().unwrap().len(), 4);
         assert_eq!(json["lanes"][1][27], 512.35);
         assert_eq!(json["lanes"][0][0], -2.0);
+    }
+
+    #[test]
+    fn a_line_is_read_at_our_rows_whatever_its_own() {
+        let mut pixels = [[None; ROW_ANCHORS.len()]; MARK_COUNT];
+        for (row, u) in pixels[2].iter_mut().enumerate().skip(10) {
+            *u = Some(300.0 + 4.0 * row as f32);
+        }
+        let line = tusimple_line("image_2/000000.png", &pixels).unwrap();
+        assert_eq!(read_tusimple_line(&line, [1.0, 1.0]).unwrap(), pixels);
+
+        // Labelled in a picture of half the size, at rows 51, 61, ...: u = 150 + 0.8 (row - 51).
+        let rows: Vec<f64> = (0..14).map(|i| 51.0 + 10.0 * f64::from(i)).collect();
+        let lane: Vec<f64> = rows.iter().map(|row| 150.0 + 0.8 * (row - 51.0)).collect();
+        let line = serde_json::json!({"lanes": [lane], "h_samples": rows}).to_string();
+        let read = read_tusimple_line(&line, [2.0, 2.0]).unwrap();
+        assert_eq!(read[0][0], None);
+        let u = read[0][1].unwrap();
+        assert!(
+            (u - 2.0 * (150.0 + 0.8 * (55.0 - 51.0))).abs() < 1e-3,
+            "{u}"
+        );
+
+        let torn = r#"{"lanes": [[1, 2]], "h_samples": [100]}"#;
+        assert!(
+            read_tusimple_line(torn, [1.0, 1.0])
+                .unwrap_err()
+                .contains("2 places")
+        );
     }
 }

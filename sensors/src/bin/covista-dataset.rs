@@ -1,12 +1,15 @@
 //! Writes a data set of random scenes: LIDAR and camera with KITTI's and TuSimple's labels.
 
+use std::ops::ControlFlow;
 use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use covista_sensors::{DatasetSpec, Split, write_dataset};
+use covista_sensors::{DatasetSpec, write_dataset};
 
-const USAGE: &str =
-    "usage: covista-dataset --out DIR --frames N [--start N] [--seed N] [--split train|val|test]";
+const USAGE: &str = "usage: covista-dataset --out DIR --frames N [--start N] [--seed N] \
+                     [--split train|val|test] [--format kitti,tusimple,mcap]";
 
 fn main() -> ExitCode {
     let spec = match parse(std::env::args().skip(1)) {
@@ -16,33 +19,36 @@ fn main() -> ExitCode {
             return ExitCode::from(2);
         }
     };
-    let began = Instant::now();
-    let report = |done: usize, total: usize| {
-        if done.is_multiple_of(50) || done == total {
-            let seconds = began.elapsed().as_secs_f64();
-            eprintln!(
-                "{done}/{total} frames, {:.2} a second",
-                done as f64 / seconds
-            );
-        }
-    };
-    match write_dataset(&spec, report) {
-        Ok(_) => ExitCode::SUCCESS,
+    match write(&spec) {
+        Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("{error}");
-            ExitCode::FAILURE
+            ExitCode::from(2)
         }
     }
 }
 
+fn write(spec: &DatasetSpec) -> Result<(), Box<dyn std::error::Error>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let stopping = Arc::clone(&stop);
+    ctrlc::set_handler(move || stopping.store(true, Ordering::Relaxed))?;
+    let began = Instant::now();
+    let manifest = write_dataset(spec, |done, total| {
+        if done.is_multiple_of(50) || done == total {
+            let seconds = began.elapsed().as_secs_f64();
+            eprintln!("{done}/{total} frames after {seconds:.0} s");
+        }
+        match stop.load(Ordering::Relaxed) {
+            true => ControlFlow::Break(()),
+            false => ControlFlow::Continue(()),
+        }
+    })?;
+    eprintln!("{} frames in {}", manifest.frames, spec.out.display());
+    Ok(())
+}
+
 fn parse(mut arguments: impl Iterator<Item = String>) -> Result<DatasetSpec, String> {
-    let mut spec = DatasetSpec {
-        out: Default::default(),
-        frames: 0,
-        start: 0,
-        seed: 1,
-        split: Split::Train,
-    };
+    let mut spec = DatasetSpec::new(Default::default(), 0);
     while let Some(name) = arguments.next() {
         let value = arguments
             .next()
@@ -58,6 +64,9 @@ fn parse(mut arguments: impl Iterator<Item = String>) -> Result<DatasetSpec, Str
             "--start" => spec.start = number()?,
             "--seed" => spec.seed = number()?,
             "--split" => spec.split = value.parse()?,
+            "--format" => {
+                spec.formats = value.split(',').map(str::parse).collect::<Result<_, _>>()?;
+            }
             _ => return Err(format!("there is no option {name}")),
         }
     }

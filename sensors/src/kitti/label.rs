@@ -67,6 +67,19 @@ impl KittiLabel {
     }
 }
 
+impl KittiLabel {
+    /// Centre of the box in the LIDAR frame, in metres, and its heading there.
+    pub fn pose_in_lidar(&self, calibration: &Calibration) -> (Vector3<f64>, f64) {
+        let lidar_from_camera = calibration.camera_from_lidar().inverse();
+        let [height_m, ..] = self.size_hwl_m;
+        let (sin, cos) = self.rotation_y_rad.sin_cos();
+        let heading = lidar_from_camera * Vector3::new(cos, 0.0, -sin);
+        let bottom = lidar_from_camera * Point3::from(self.location_m);
+        let center_m = bottom.coords + Vector3::z() * (height_m / 2.0);
+        (center_m, heading.y.atan2(heading.x))
+    }
+}
+
 impl fmt::Display for KittiLabel {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
@@ -240,6 +253,9 @@ mod tests {
             }
             prop_assert!((label.rotation_y_rad - back.rotation_y_rad).abs() <= 5.1e-5);
             prop_assert!((label.alpha_rad - back.alpha_rad).abs() <= 5.1e-5);
+            let (center_m, yaw_back) = label.pose_in_lidar(&Calibration::kitti());
+            prop_assert!((center_m - Vector3::new(x, y, -0.6)).norm() < 1e-9);
+            prop_assert!(wrap_angle(yaw_back - yaw).abs() < 1e-9);
             prop_assert!(back.truncated >= 0.0 && back.truncated <= 1.0);
         }
     }

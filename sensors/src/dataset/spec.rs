@@ -1,0 +1,130 @@
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use covista_world::Calibration;
+use serde::{Deserialize, Serialize};
+
+use crate::Lidar;
+
+/// Which part of the data: the splits of one seed share no scene.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Split {
+    /// For training.
+    Train,
+    /// For choosing among trained models.
+    Val,
+    /// For the figures that are reported.
+    Test,
+}
+
+impl Split {
+    /// Its name in files and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Train => "train",
+            Self::Val => "val",
+            Self::Test => "test",
+        }
+    }
+}
+
+impl FromStr for Split {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        [Self::Train, Self::Val, Self::Test]
+            .into_iter()
+            .find(|split| split.name() == text)
+            .ok_or_else(|| format!("`{text}` is no split; use train, val or test"))
+    }
+}
+
+/// In which layout frames are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Format {
+    /// KITTI's object benchmark: `velodyne`, `image_2`, `calib`, `label_2`, `ImageSets`.
+    Kitti,
+    /// TuSimple's lane benchmark: `label_data.json`, its pictures in `image_2`.
+    TuSimple,
+    /// One file of ROS 2 messages, `frames.mcap`, made from KITTI's files beside it.
+    Mcap,
+}
+
+impl Format {
+    /// What a data set has unless something else is asked for.
+    pub const DEFAULT: [Self; 2] = [Self::Kitti, Self::TuSimple];
+
+    /// Its name in files and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Kitti => "kitti",
+            Self::TuSimple => "tusimple",
+            Self::Mcap => "mcap",
+        }
+    }
+}
+
+impl FromStr for Format {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        [Self::Kitti, Self::TuSimple, Self::Mcap]
+            .into_iter()
+            .find(|format| format.name() == text)
+            .ok_or_else(|| format!("`{text}` is no format; use kitti, tusimple or mcap"))
+    }
+}
+
+/// Which data set to write, and where.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DatasetSpec {
+    /// Folder; made where it is missing.
+    pub out: PathBuf,
+    /// Frames to write.
+    pub frames: u64,
+    /// Number of the first frame.
+    pub start: u64,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Part of the data.
+    pub split: Split,
+    /// Layouts.
+    pub formats: BTreeSet<Format>,
+    /// The LIDAR.
+    pub lidar: Lidar,
+    /// The camera, and where both sensors sit; drawn anew for each frame unless it is given.
+    pub calibration: Option<Calibration>,
+}
+
+impl DatasetSpec {
+    /// The first frames of seed 0's training split, measured by KITTI's LIDAR and a drawn rig, for KITTI's and
+    /// TuSimple's tools.
+    pub fn new(out: PathBuf, frames: u64) -> Self {
+        Self {
+            out,
+            frames,
+            start: 0,
+            seed: 0,
+            split: Split::Train,
+            formats: Format::DEFAULT.into(),
+            lidar: Lidar::hdl64e(),
+            calibration: None,
+        }
+    }
+
+    /// Whether KITTI's files are written: MCAP is made from them.
+    pub(super) fn has_kitti(&self) -> bool {
+        self.formats.contains(&Format::Kitti) || self.has_mcap()
+    }
+
+    pub(super) fn has_tusimple(&self) -> bool {
+        self.formats.contains(&Format::TuSimple)
+    }
+
+    pub(super) fn has_mcap(&self) -> bool {
+        self.formats.contains(&Format::Mcap)
+    }
+}
