@@ -70,32 +70,40 @@ def read_points(root: Path, frame: str) -> np.ndarray:
     return np.fromfile(root / "velodyne" / f"{frame}.bin", np.float32).reshape(-1, 4)
 
 
+def read_calibration(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """The transform from LIDAR to rectified camera [4, 4], and the projection P2 [3, 4]."""
+    calib = {}
+    for line in path.read_text().splitlines():
+        name, _, values = line.partition(":")
+        calib[name] = np.array(values.split(), float)
+    camera_from_lidar, rectify = np.eye(4), np.eye(4)
+    camera_from_lidar[:3] = calib["Tr_velo_to_cam"].reshape(3, 4)
+    rectify[:3, :3] = calib["R0_rect"].reshape(3, 3)
+    return rectify @ camera_from_lidar, calib["P2"].reshape(3, 4)
+
+
+def to_lidar(words: list[str], camera_from_lidar: np.ndarray) -> np.ndarray:
+    """The box [7] in the LIDAR frame of a line of label_2: x, y, z, l, w, h, yaw."""
+    lidar_from_camera = np.linalg.inv(camera_from_lidar)
+    height, width, length, x, y, z, rotation_y = (float(v) for v in words[8:15])
+    center = lidar_from_camera @ (x, y - height / 2, z, 1)
+    heading = lidar_from_camera[:3, :3] @ (math.cos(rotation_y), 0, -math.sin(rotation_y))
+    yaw = math.atan2(heading[1], heading[0])
+    return np.array((*center[:3], length, width, height, yaw))
+
+
 def read_objects(root: Path, frame: str) -> np.ndarray:
     """The boxes [M, 9] in the LIDAR frame: x, y, z, l, w, h, yaw, class, LIDAR points inside."""
 
     def make() -> np.ndarray:
-        calib = {}
-        for line in (root / "calib" / f"{frame}.txt").read_text().splitlines():
-            name, _, values = line.partition(":")
-            calib[name] = np.array(values.split(), float)
-        camera_from_lidar = np.eye(4)
-        camera_from_lidar[:3] = calib["Tr_velo_to_cam"].reshape(3, 4)
-        rectify = np.eye(4)
-        rectify[:3, :3] = calib["R0_rect"].reshape(3, 3)
-        lidar_from_camera = np.linalg.inv(rectify @ camera_from_lidar)
+        camera_from_lidar, _ = read_calibration(root / "calib" / f"{frame}.txt")
         points = read_points(root, frame)
         objects = []
         for line in (root / "label_2" / f"{frame}.txt").read_text().splitlines():
-            kind, *rest = line.split()
-            if kind not in CLASS_OF_TYPE:
-                continue
-            height, width, length, x, y, z, rotation_y = (float(v) for v in rest[7:14])
-            center = lidar_from_camera @ (x, y - height / 2, z, 1)
-            heading = lidar_from_camera[:3, :3] @ (math.cos(rotation_y), 0, -math.sin(rotation_y))
-            yaw = math.atan2(heading[1], heading[0])
-            box = (*center[:3], length, width, height, yaw)
-            inside = count_inside(points, np.array(box))
-            objects.append((*box, CLASS_OF_TYPE[kind], inside))
+            words = line.split()
+            if words[0] in CLASS_OF_TYPE:
+                box = to_lidar(words, camera_from_lidar)
+                objects.append((*box, CLASS_OF_TYPE[words[0]], count_inside(points, box)))
         return np.array(objects, np.float32).reshape(-1, 9)
 
     return cached(root / "cache" / f"{frame}.objects.npy", make)
