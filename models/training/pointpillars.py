@@ -6,6 +6,7 @@ Everything is in the LIDAR frame (x forward, y left, z up). A box is
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -159,6 +160,7 @@ def cell_centers() -> tuple[np.ndarray, np.ndarray]:
     )
 
 
+@functools.cache
 def anchor_boxes() -> np.ndarray:
     """The anchors as boxes [80, 432, 4, 7]: car at 0 and pi/2, truck at 0 and pi/2."""
     x, y = cell_centers()
