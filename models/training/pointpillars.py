@@ -36,7 +36,7 @@ class AnchorClass:
 
 
 ANCHORS = (
-    AnchorClass((4.6, 1.85, 1.55), -0.95, 0.60, 0.45),
+    AnchorClass((4.1, 1.7, 1.55), -0.95, 0.55, 0.40),
     AnchorClass((6.5, 2.2, 2.6), -0.45, 0.55, 0.40),
 )
 ANCHOR_YAWS = (0.0, math.pi / 2)
