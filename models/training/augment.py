@@ -50,21 +50,24 @@ def resize_vehicles(columns: np.ndarray, objects: np.ndarray, rng: np.random.Gen
 
 
 def turn(columns: np.ndarray, objects: np.ndarray, rng: np.random.Generator) -> None:
-    """Mirror along the forward axis, rotation, scaling; tilt and height of the mount; in place.
+    """Mirror along the forward axis, rotation, scaling, and another ground; in place.
 
-    The rotation is up to 45 degrees, mostly below 20.
+    The rotation is up to 45 degrees, mostly below 20. The ground tilts, bends and shifts; that is
+    small enough to move points and boxes up and down only.
     """
     mirror = rng.choice((-1, 1))
     objects[:, (1, 6)] *= mirror
     angle = rng.triangular(-math.pi / 4, 0, math.pi / 4)
     c, s = math.cos(angle), math.sin(angle)
-    pitch, roll = np.radians(rng.normal(0, 0.5, 2))
+    pitch, roll = np.radians(rng.normal(0, 0.8, 2))
+    bend_per_m = rng.normal(0, 2e-4, 2)
     scale = rng.uniform(0.95, 1.05)
-    # The tilt is small: to first order it only moves points up and down.
     moved = (scale * np.array(((c, -s, 0), (s, c, 0), (pitch, roll, 1)))).astype(np.float32)
-    shift = np.array((0, 0, rng.uniform(-0.1, 0.1)), np.float32)
-    columns[:3] = (moved * (1, mirror, 1)).astype(np.float32) @ columns[:3] + shift[:, None]
-    objects[:, :3] = objects[:, :3] @ moved.T + shift
+    shift_m = rng.uniform(-0.15, 0.15)
+    columns[:3] = (moved * (1, mirror, 1)).astype(np.float32) @ columns[:3]
+    objects[:, :3] = objects[:, :3] @ moved.T
+    for x, y, z in (columns[:3], objects[:, :3].T):
+        z += np.float32(bend_per_m[0]) * x**2 + np.float32(bend_per_m[1]) * y**2 + np.float32(shift_m)
     objects[:, 3:6] *= scale
     objects[:, 6] += angle
 
@@ -136,7 +139,8 @@ def look_from_elsewhere(
 
     to_view = np.array((lanes.INPUT_WIDTH_PX / lanes.IMAGE_WIDTH_PX, lanes.INPUT_HEIGHT_PX / lanes.IMAGE_HEIGHT_PX))
     inverse = np.linalg.inv(forward) * to_view[:, None] / to_view
-    offset = HORIZON * to_view - inverse @ (target * to_view)
+    corner = 0.5  # of a pixel's centre from its corner, where Pillow has its origin
+    offset = (HORIZON + corner) * to_view - inverse @ ((target + corner) * to_view)
     affine = (*inverse[0], offset[0], *inverse[1], offset[1])
     fill = (0, 0, 0) if rng.random() < 0.5 else tuple(int(v) for v in rng.integers(0, 120, 3))
     picture = picture.transform(

@@ -161,13 +161,13 @@ def cell_centers() -> tuple[np.ndarray, np.ndarray]:
 
 
 @functools.cache
-def anchor_boxes() -> np.ndarray:
+def anchor_boxes(anchors: tuple[AnchorClass, ...] = ANCHORS) -> np.ndarray:
     """The anchors as boxes [80, 432, 4, 7]: car at 0 and pi/2, truck at 0 and pi/2."""
     x, y = cell_centers()
     boxes = np.zeros((MAP_NY, MAP_NX, PER_CELL, 7), np.float32)
     boxes[..., 0], boxes[..., 1] = x[None, :, None], y[:, None, None]
     for a in range(PER_CELL):
-        anchor = ANCHORS[a // len(ANCHOR_YAWS)]
+        anchor = anchors[a // len(ANCHOR_YAWS)]
         boxes[:, :, a, 2:] = (anchor.center_z_m, *anchor.size_m, ANCHOR_YAWS[a % len(ANCHOR_YAWS)])
     return boxes
 

@@ -44,7 +44,7 @@ def detector(real: Path, model: Path, frame: str = "kitti_000008") -> dict[str, 
     """Every label's best detection above the score threshold, and the false boxes."""
     camera_from_lidar, projection = read_calibration(real / f"{frame}_calib.txt")
     points = np.fromfile(real / f"{frame}.bin", np.float32).reshape(-1, 4)
-    found = ev.detect(ev.open_model(model), points, pp.anchor_boxes().reshape(-1, 7))
+    found = ev.detect(ev.open_model(model), points, ev.anchors_of(model))
     keep = found.scores >= SCORE_THRESHOLD
     boxes, scores, classes = found.boxes[keep], found.scores[keep], found.classes[keep]
     lines = [line.split() for line in (real / f"{frame}_label.txt").read_text().splitlines()]
@@ -53,7 +53,7 @@ def detector(real: Path, model: Path, frame: str = "kitti_000008") -> dict[str, 
     overlaps = np.array([[ev.bev_iou(t, b) for b in boxes] for t in truth]).reshape(len(truth), len(boxes))
     print(f"{frame}: score >= {SCORE_THRESHOLD}")
     print("| label | distance m | truncated | occluded | points | size m | best IoU | found size m | called | score | at 0.5 | at 0.7 |")
-    print("| --- | " * 1 + "--- | " * 11)
+    print("| " + "--- | " * 12)
     for words, box, row in zip(labels, truth, overlaps):
         best = int(row.argmax()) if len(boxes) else -1
         iou = row[best] if len(boxes) else 0.0
