@@ -66,7 +66,7 @@ def detector(real: Path, model: Path, frame: str = "kitti_000008") -> dict[str, 
         )
     found_50 = (overlaps.max(1, initial=0) >= 0.5).sum()
     found_70 = (overlaps.max(1, initial=0) >= 0.7).sum()
-    whole = np.array([float(words[1]) <= 0.3 for words in labels])
+    whole = np.array([float(words[1]) <= 0.5 for words in labels])
     near = np.hypot(boxes[:, 0], boxes[:, 1]) < NEAR_M
     seen = np.array([in_view(b[:3], camera_from_lidar, projection) for b in boxes], bool)
     unmatched = near & seen & (overlaps.max(0, initial=0) < 0.5)
