@@ -38,6 +38,7 @@ FOCAL_PX, CENTER_PX = 721.5377, (609.5593, 172.854)
 NEAR_M = 40
 MARK_COLORS = ((230, 159, 0), (86, 180, 233), (0, 158, 115), (204, 121, 167))
 VIEWS = ("filled", "focal")
+NEEDED = {"detector": "kitti_000008.bin", "lanes": "highway_test1.jpg", "sweeps": "kitti_000008.bin"}
 
 
 def detector(real: Path, model: Path, frame: str = "kitti_000008") -> dict[str, float]:
@@ -174,15 +175,16 @@ def overlay(image: Image.Image, truth: np.ndarray, found: np.ndarray) -> np.ndar
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("what", choices=("detector", "lanes", "sweeps"))
+    parser.add_argument("what", choices=NEEDED)
     parser.add_argument("--real", type=Path, default=HERE.parents[2] / "shared" / "data")
     parser.add_argument("--model", type=Path, help="an ONNX file, by default the committed one")
     parser.add_argument("--data", type=Path, default=Path("data/val"), help="synthetic frames (sweeps)")
     parser.add_argument("--out", type=Path, default=Path("runs"), help="folder of the pictures")
     args = parser.parse_args()
     torch.set_num_threads(1)
-    if not args.real.is_dir():
-        print(f"{args.real}: no real samples here; give their folder with --real; skipped")
+    needed = args.real / NEEDED[args.what]
+    if not needed.exists():
+        print(f"{needed}: no such sample; give the folder of the real samples with --real; skipped")
         return
     args.out.mkdir(parents=True, exist_ok=True)
     if args.what == "detector":
