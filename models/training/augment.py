@@ -35,7 +35,7 @@ def scene(
 def resize_vehicles(columns: np.ndarray, objects: np.ndarray, rng: np.random.Generator) -> None:
     """Scales vehicles with their points, each axis on its own, standing where they stood; in place."""
     for box in objects:
-        factor = (rng.uniform(0.93, 1.07) * rng.uniform(0.93, 1.07, 3)).astype(np.float32)
+        factor = (rng.uniform(0.9, 1.1) * rng.uniform(0.9, 1.1, 3)).astype(np.float32)
         c, s = math.cos(box[6]), math.sin(box[6])
         axes = np.array(((c, s, 0), (-s, c, 0), (0, 0, 1)), np.float32)
         base = (box[:3] - (0, 0, box[5] / 2)).astype(np.float32)
