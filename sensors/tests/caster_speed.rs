@@ -116,8 +116,8 @@ fn columns(lidar: &Lidar) -> Vec<Vec<Vector3<f32>>> {
     let azimuths = (0..lidar.columns)
         .map(|column| -std::f64::consts::TAU * f64::from(column) / f64::from(lidar.columns));
     let column = |azimuth: f64| {
-        let beams = lidar.elevations_rad.iter().map(move |elevation| {
-            let (sin, cos) = elevation.sin_cos();
+        let beams = lidar.beams.iter().map(move |beam| {
+            let (sin, cos) = beam.elevation_rad.sin_cos();
             Vector3::new(cos * azimuth.cos(), cos * azimuth.sin(), sin).cast::<f32>()
         });
         beams.collect()
