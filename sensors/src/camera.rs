@@ -5,9 +5,9 @@ use rayon::prelude::*;
 
 use crate::appearance::{Light, Rgb};
 use crate::caster::Hit;
-use crate::exposure::Radiance;
+use crate::exposure::{CameraSettings, Motion, Radiance};
 use crate::ground::GroundRow;
-use crate::noise::{octaves, uniform};
+use crate::noise::octaves;
 use crate::pavement::Pavement;
 use crate::shadow::{Contact, on_ground, shadow_line};
 use crate::silhouette::Silhouette;
@@ -19,29 +19,30 @@ const LEAVES_SEED: u32 = 0x1EAF;
 const FAR_M: f32 = 600.0;
 const SHADOW_REACH_M: f32 = 80.0;
 /// The picture that the camera of `view` takes; `seed` is that of the sensor's noise.
-pub fn take_picture(view: &Viewpoint, seed: u64) -> CameraImage {
+pub fn take_picture(view: &Viewpoint, settings: &CameraSettings, seed: u64) -> CameraImage {
     let picture = Picture::new(view);
     let width = view.calibration.intrinsics.width_px as usize;
     let height = view.calibration.intrinsics.height_px as usize;
     let mut pixels = vec![Rgb::zeros(); width * height];
+    let mut depth_m = vec![f32::INFINITY; width * height];
     pixels
         .par_chunks_mut(width.max(1))
+        .zip(depth_m.par_chunks_mut(width.max(1)))
         .enumerate()
-        .for_each(|(row, line)| picture.render_row(row as f64, line));
-    let gain = gain(&picture.light, view.scene.look.texture_seed);
-    Radiance { width, pixels }.expose(gain, seed)
+        .for_each(|(row, (line, depths_m))| picture.render_row(row as f64, line, depths_m));
+    let radiance = Radiance {
+        width,
+        pixels,
+        depth_m,
+    };
+    radiance.expose(gain(&picture.light), settings, &Motion::new(view), seed)
 }
 
-/// Exposure and white balance: set for the open road, a little off as automatics are.
-fn gain(light: &Light, texture_seed: u64) -> Rgb {
-    let open = light.open_ground().sum() / 3.0;
-    let draw = |index: i32| uniform(texture_seed as u32 ^ 0xE4B0, index, 3) - 0.5;
-    let balance = Rgb::new(
-        1.0 + 0.10 * draw(1),
-        1.0,
-        1.0 - 0.10 * draw(1) + 0.05 * draw(2),
-    );
-    balance * (0.9 * (0.7 * draw(0)).exp2() / open.max(0.05))
+/// Automatic exposure for the open road, and half of what would make it grey.
+fn gain(light: &Light) -> Rgb {
+    let open = light.open_ground();
+    let mean = (open.sum() / 3.0).max(0.05);
+    open.map(|channel| 0.9 / mean * (mean / channel.max(0.02)).sqrt())
 }
 
 /// A scene made ready for one picture.
@@ -89,7 +90,7 @@ impl<'a> Picture<'a> {
         }
     }
 
-    fn render_row(&self, v: f64, line: &mut [Rgb]) {
+    fn render_row(&self, v: f64, line: &mut [Rgb], depths_m: &mut [f32]) {
         let intrinsics = &self.view.calibration.intrinsics;
         let road = &self.view.scene.road;
         let eye = Point3::from(self.world_from_camera.translation.vector).cast::<f32>();
@@ -103,17 +104,21 @@ impl<'a> Picture<'a> {
         let ground = GroundRow::new(intrinsics, &self.world_from_camera, road, v);
         for (column, pixel) in line.iter_mut().enumerate() {
             let u = column as f64;
-            let ray = self.world_from_camera.rotation * intrinsics.ray(u, v).normalize();
+            let in_camera = intrinsics.ray(u, v).normalize();
+            let forward = in_camera.z as f32;
+            let ray = self.world_from_camera.rotation * in_camera;
             let to_ground_m = ground.distance_m(&ray).map(|distance| distance as f32);
             let ray = ray.cast::<f32>();
             let reach_m = to_ground_m.map_or(FAR_M, |distance| FAR_M.min(distance));
             let hit = solid[column].then(|| self.first_hit(&eye, &ray, reach_m));
             *pixel = if let Some(hit) = hit.flatten() {
+                depths_m[column] = forward * hit.distance_m;
                 let color = self.object(&hit, &(eye + ray * hit.distance_m), &ray);
                 self.light.through_haze(color, hit.distance_m)
             } else if let (Some(distance_m), Some(patch)) =
                 (to_ground_m, ground.patch(u, column, road))
             {
+                depths_m[column] = forward * distance_m;
                 let openness = contacts
                     .iter()
                     .filter(|((from, to), _)| (*from..=*to).contains(&u))
@@ -218,7 +223,7 @@ mod tests {
     fn radiance(scene: &Scene, ego: VehicleId, row: f64) -> Vec<Rgb> {
         with_view(scene, ego, |view| {
             let mut line = vec![Rgb::zeros(); 1242];
-            Picture::new(view).render_row(row, &mut line);
+            Picture::new(view).render_row(row, &mut line, &mut vec![0.0; 1242]);
             line
         })
     }
@@ -261,8 +266,11 @@ mod tests {
         let sample = sample_scene(3, 1);
         let on_threads = |count, seed| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(count).build();
-            pool.expect("a pool")
-                .install(|| with_view(&sample.scene, sample.ego, |view| take_picture(view, seed)))
+            pool.expect("a pool").install(|| {
+                with_view(&sample.scene, sample.ego, |view| {
+                    take_picture(view, &CameraSettings::default(), seed)
+                })
+            })
         };
         let picture = on_threads(1, 8);
         assert_eq!(picture.rgb.len(), 3 * 1242 * 375);

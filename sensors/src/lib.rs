@@ -32,6 +32,7 @@ pub use boxes::{TruthBox, in_line_of_sight, truth_boxes, truth_detections};
 pub use camera::take_picture;
 pub use caster::{Hit, ObjectRef, RayScene, ground_hit};
 pub use dataset::{DatasetError, DatasetSpec, Manifest, Split, write_dataset};
+pub use exposure::{Bonnet, CameraSettings};
 pub use lidar::Lidar;
 pub use marks::{MarkTruth, true_marks};
 pub use tusimple::tusimple_line;
