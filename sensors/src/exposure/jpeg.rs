@@ -227,7 +227,7 @@ mod tests {
             let mut ours = grey.clone();
             compress(&mut ours, WIDTH, quality);
             let apart = error(&ours, &theirs);
-            assert!(apart < 1.0, "{quality}: {apart}");
+            assert!(apart < 1.5, "{quality}: {apart}");
         }
         Ok(())
     }

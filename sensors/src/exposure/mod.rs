@@ -36,12 +36,7 @@ impl Radiance {
             let time_s = settings.motion_blur_s.clamp(0.0, 0.05) as f32;
             let film = Film::new(self, gain, settings);
             if time_s > 0.0 {
-                let row = |row| self.moved_row(row, motion, time_s);
-                let moved: Vec<_> = (0..self.height())
-                    .into_par_iter()
-                    .flat_map_iter(row)
-                    .collect();
-                film.develop(&moved, &mut rgb, seed);
+                film.develop(&self.blurred(motion, time_s), &mut rgb, seed);
             } else {
                 film.develop(&self.pixels, &mut rgb, seed);
             }

@@ -1,4 +1,5 @@
 use nalgebra::{Vector2, Vector3};
+use rayon::prelude::*;
 
 use super::Radiance;
 use crate::Viewpoint;
@@ -38,10 +39,16 @@ impl Motion {
 }
 
 impl Radiance {
-    /// The row as the moving camera sees it in `time_s`.
-    pub(super) fn moved_row(&self, row: usize, motion: &Motion, time_s: f32) -> Vec<Rgb> {
-        let pixel = |column: usize| self.moved(row, column, motion, time_s);
-        (0..self.width).map(pixel).collect()
+    /// The pixels as the moving camera sees them in `time_s`.
+    pub(super) fn blurred(&self, motion: &Motion, time_s: f32) -> Vec<Rgb> {
+        let mut blurred = vec![Rgb::zeros(); self.pixels.len()];
+        let lines = blurred.par_chunks_mut(self.width.max(1)).enumerate();
+        lines.for_each(|(row, line)| {
+            for (column, pixel) in line.iter_mut().enumerate() {
+                *pixel = self.moved(row, column, motion, time_s);
+            }
+        });
+        blurred
     }
 
     /// Mean of the pixels that pass by this one.
