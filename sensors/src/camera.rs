@@ -174,7 +174,7 @@ impl<'a> Picture<'a> {
 
 #[cfg(test)]
 mod tests {
-    use covista_traffic::{VehicleId, VehicleModel, sample_scene};
+    use covista_traffic::{Scene, VehicleId, VehicleModel, sample_scene};
     use covista_world::{Calibration, ROW_ANCHORS, Se2Pose};
 
     use super::*;
