@@ -7,7 +7,7 @@ use covista_traffic::{Material, Scene, SceneVehicle, Terrain, VehicleId, Vehicle
 use nalgebra::{Point3, Vector3};
 
 use crate::bvh::{Bounds, Bvh};
-use crate::fan::{Packet, Wedge};
+use crate::fan::Fan;
 use crate::hull::Hull;
 use crate::part::{Entry, Face, Part};
 
@@ -203,38 +203,25 @@ impl RayScene {
         skip: Option<VehicleId>,
         dt_s: f32,
     ) -> Vec<Sighting> {
+        let mut grounds = Vec::with_capacity(directions.len());
         let ground = |way| self.ground_hit(origin, way, max_m);
-        let Some(wedge) = Wedge::new(origin, directions, max_m) else {
-            let sighting = |way| {
-                let ground_m = ground(way);
-                let hit = self.cast_at(origin, way, ground_m.unwrap_or(max_m), skip, dt_s);
-                Sighting { ground_m, hit }
-            };
-            return directions.iter().map(sighting).collect();
-        };
-        let dt_s = self.within_turn(dt_s);
-        let skip = skip.map(ObjectRef::Vehicle);
-        let grounds: Vec<_> = directions.iter().map(ground).collect();
+        grounds.extend(directions.iter().map(ground));
         let reaches = grounds.iter().map(|ground_m| ground_m.unwrap_or(max_m));
         let rays: Vec<_> = directions.iter().copied().zip(reaches).collect();
-        let packets = rays.chunks(Packet::LANES);
-        let mut packets: Vec<_> = packets.map(|rays| Packet::new(&wedge, rays)).collect();
-        let admits = |part: u32| Some(self.parts[part as usize].object) != skip;
-        for candidate in wedge.candidates(&self.bvh, admits) {
-            let part = &self.parts[candidate.part as usize];
-            let from = part.local(origin, dt_s);
-            for packet in &mut packets {
-                if packet.may_meet(&candidate) {
-                    packet.meet(candidate.part, part, &self.faces, &from);
-                }
-            }
-        }
-        let sighting = |(index, ground_m): (usize, Option<f32>)| {
-            let met = packets[index / Packet::LANES].met(index % Packet::LANES);
-            let hit = met.map(|(part, entry)| self.hit(&self.parts[part as usize], entry));
-            Sighting { ground_m, hit }
+        let single = |&(way, reach_m): &_| self.cast_at(origin, &way, reach_m, skip, dt_s);
+        let hits: Vec<_> = if let Some(mut fan) = Fan::new(origin, &rays) {
+            let skip = skip.map(ObjectRef::Vehicle);
+            let dt_s = self.within_turn(dt_s);
+            fan.cast(&self.bvh, &self.parts, &self.faces, skip, dt_s);
+            let hit = |(part, entry)| self.hit(&self.parts[part as usize], entry);
+            (0..rays.len()).map(|ray| fan.met(ray).map(hit)).collect()
+        } else {
+            rays.iter().map(single).collect()
         };
-        grounds.into_iter().enumerate().map(sighting).collect()
+        let sightings = grounds.into_iter().zip(hits);
+        sightings
+            .map(|(ground_m, hit)| Sighting { ground_m, hit })
+            .collect()
     }
 
     /// Distance along the ray to the ground, where it lies ahead within `max_m`.
