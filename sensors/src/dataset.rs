@@ -15,7 +15,10 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::kitti::{KittiLabel, calibration_text, cloud_bytes};
-use crate::{Lidar, RayScene, Viewpoint, take_picture, true_marks, truth_boxes, tusimple_line};
+use crate::{
+    CameraSettings, Lidar, RayScene, Viewpoint, take_picture, true_marks, truth_boxes,
+    tusimple_line,
+};
 
 /// Raised whenever the same seed gives other bytes than before.
 const VERSION: u32 = 1;
@@ -238,7 +241,9 @@ impl<'a> Generator<'a> {
             .ok_or("the scene lacks its own vehicle")
             .map_err(encoding(frame))?;
         let cloud = self.lidar.sweep(&view, self.lidar_seed ^ frame);
-        let image = take_picture(&view, self.camera_seed ^ frame);
+        let seed = self.camera_seed ^ frame;
+        let settings = CameraSettings::draw(&mut ChaCha8Rng::seed_from_u64(seed));
+        let image = take_picture(&view, &settings, seed);
         let labels: String = truth_boxes(&view, &cloud)
             .iter()
             .filter(|truth| truth.lidar_points > 0)

@@ -17,6 +17,7 @@ mod ground;
 mod hull;
 pub mod kitti;
 mod lidar;
+mod light;
 mod marks;
 mod noise;
 mod part;
@@ -25,9 +26,11 @@ mod pixel_rays;
 mod shadow;
 mod sight;
 mod silhouette;
+mod skyline;
 mod solids;
 #[cfg(test)]
 mod testing;
+mod tile;
 mod tusimple;
 mod viewpoint;
 
@@ -35,6 +38,7 @@ pub use boxes::{TruthBox, in_line_of_sight, truth_boxes, truth_detections};
 pub use camera::take_picture;
 pub use caster::{Hit, ObjectRef, RayScene, Sighting};
 pub use dataset::{DatasetError, DatasetSpec, Manifest, Split, write_dataset};
+pub use exposure::{Bonnet, CameraSettings};
 pub use lidar::Lidar;
 pub use marks::{MarkTruth, true_marks};
 pub use tusimple::tusimple_line;

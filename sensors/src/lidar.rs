@@ -66,7 +66,7 @@ impl Lidar {
     ///
     /// The same seed gives the same cloud whatever the number of threads.
     pub fn sweep(&self, view: &Viewpoint, seed: u64) -> PointCloud {
-        let pavement = Pavement::new(&view.scene.road, &view.scene.look);
+        let pavement = Pavement::new(view.scene);
         let world_from_lidar = view.world_from_lidar();
         let own_s_m = view
             .scene
