@@ -7,10 +7,12 @@
 
 mod appearance;
 mod boxes;
+mod bvh;
 mod camera;
 mod caster;
 mod dataset;
 mod exposure;
+mod fan;
 mod ground;
 mod hull;
 pub mod kitti;
@@ -18,10 +20,14 @@ mod lidar;
 mod light;
 mod marks;
 mod noise;
+mod part;
 mod pavement;
+mod pixel_rays;
 mod shadow;
+mod sight;
 mod silhouette;
 mod skyline;
+mod solids;
 #[cfg(test)]
 mod testing;
 mod tile;
@@ -30,7 +36,7 @@ mod viewpoint;
 
 pub use boxes::{TruthBox, in_line_of_sight, truth_boxes, truth_detections};
 pub use camera::take_picture;
-pub use caster::{Hit, ObjectRef, RayScene, ground_hit};
+pub use caster::{Hit, ObjectRef, RayScene, Sighting};
 pub use dataset::{DatasetError, DatasetSpec, Manifest, Split, write_dataset};
 pub use exposure::{Bonnet, CameraSettings};
 pub use lidar::Lidar;

@@ -9,7 +9,7 @@ use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 
 use crate::Viewpoint;
-use crate::caster::{Hit, ground_hit};
+use crate::caster::Hit;
 use crate::pavement::{GroundPatch, Pavement};
 
 /// Weakest return, as reflectance per square metre of range, that the receiver tells from noise:
@@ -141,7 +141,7 @@ impl Turn<'_> {
     ) -> Option<Return> {
         let max_m = self.lidar.range_m as f32;
         let own = Some(self.view.ego.id);
-        let ground_m = ground_hit(origin, direction, max_m);
+        let ground_m = self.view.rays.ground_hit(origin, direction, max_m);
         let mut passed_m = 0.0;
         let mut transmission = 1.0;
         // At most two panes: a window and the one behind it.
