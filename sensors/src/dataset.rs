@@ -235,7 +235,7 @@ impl<'a> Generator<'a> {
     }
 
     fn measure(&self, frame: u64) -> Result<[FrameFile; 5], DatasetError> {
-        let SampledScene { scene, ego } = sample_scene(self.scene_seed, frame);
+        let SampledScene { scene, ego, .. } = sample_scene(self.scene_seed, frame);
         let rays = RayScene::new(&scene);
         let view = Viewpoint::new(&scene, &rays, ego, &self.calibration)
             .ok_or("the scene lacks its own vehicle")
