@@ -31,6 +31,7 @@ mod solids;
 #[cfg(test)]
 mod testing;
 mod tile;
+mod truth_images;
 mod tusimple;
 mod viewpoint;
 
@@ -41,5 +42,6 @@ pub use dataset::{DatasetError, DatasetSpec, Manifest, Split, write_dataset};
 pub use exposure::{Bonnet, CameraSettings};
 pub use lidar::Lidar;
 pub use marks::{MarkTruth, true_marks};
+pub use truth_images::{TruthImages, instance_number, take_truth_images};
 pub use tusimple::tusimple_line;
 pub use viewpoint::Viewpoint;
