@@ -34,6 +34,7 @@ mod solids;
 #[cfg(test)]
 mod testing;
 mod tile;
+mod truth_images;
 mod tusimple;
 mod viewpoint;
 
@@ -47,4 +48,5 @@ pub use marks::{MarkTruth, true_marks};
 pub use mcap::{McapError, write_mcap};
 pub use rig::{Rig, sample_rig};
 pub use tusimple::{MarkPixels, read_tusimple_line, tusimple_line};
+pub use truth_images::{TruthImages, instance_number, take_truth_images};
 pub use viewpoint::Viewpoint;
