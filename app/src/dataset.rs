@@ -1,13 +1,7 @@
-use std::{
-    ops::ControlFlow,
-    sync::{
-        Arc,
-        atomic::{AtomicBool, Ordering},
-    },
-};
+use std::{ops::ControlFlow, sync::atomic::Ordering};
 
 use anyhow::{Context, bail};
-use covista_sensors::{DatasetSpec, write_dataset};
+use covista_sensors::{DatasetSpec, stop_flag, write_dataset};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::{
@@ -28,10 +22,7 @@ pub fn run(args: &DatasetArgs) -> anyhow::Result<()> {
         formats: args.format.iter().copied().collect(),
         ..DatasetSpec::new(args.out.clone(), args.frames)
     };
-    let stop = Arc::new(AtomicBool::new(false));
-    let stopping = Arc::clone(&stop);
-    ctrlc::set_handler(move || stopping.store(true, Ordering::Relaxed))
-        .context("cannot listen for Ctrl-C")?;
+    let stop = stop_flag().context("cannot listen for Ctrl-C")?;
     let bar = frame_bar();
     let written = write_dataset(&spec, |done, total| {
         bar.set_length(total as u64);

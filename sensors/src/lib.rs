@@ -30,7 +30,7 @@ mod viewpoint;
 pub use boxes::{TruthBox, in_line_of_sight, truth_boxes, truth_detections};
 pub use camera::take_picture;
 pub use caster::{Hit, ObjectRef, RayScene, ground_hit};
-pub use dataset::{DatasetError, DatasetSpec, Format, Manifest, Split, write_dataset};
+pub use dataset::{DatasetError, DatasetSpec, Format, Manifest, Split, stop_flag, write_dataset};
 pub use lidar::Lidar;
 pub use marks::{MarkTruth, true_marks};
 pub use mcap::{McapError, write_mcap};
