@@ -1,6 +1,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use covista_sensors::{Format, Split};
 
 /// Cooperative vision, planning and safe control of connected vehicles, on a laptop.
 ///
@@ -43,7 +44,8 @@ pub enum PerceptionArg {
 
 #[derive(Debug, Args)]
 pub struct DemoArgs {
-    /// A built-in scenario or a TOML file
+    /// A built-in scenario or a TOML file; or recorded frames for the networks: a folder in KITTI's
+    /// layout, a .bin, .png or .jpg
     #[arg(default_value = "obstacle-at-corner")]
     pub scenario: String,
     /// Whether the CAVs share what they see
@@ -58,6 +60,9 @@ pub struct DemoArgs {
     /// Seed of everything random
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
+    /// Calibration of a recorded frame, in KITTI's format [default: the one beside it, or KITTI's]
+    #[arg(long, value_name = "FILE")]
+    pub calibration: Option<PathBuf>,
     /// Output folder [default: out/SCENARIO]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
@@ -81,6 +86,7 @@ impl Default for DemoArgs {
             perception: PerceptionArg::Network,
             duration: None,
             seed: 0,
+            calibration: None,
             out: None,
             models: None,
             trace: None,
@@ -89,28 +95,26 @@ impl Default for DemoArgs {
     }
 }
 
-/// Which frames of a dataset; scenes of different splits are never the same.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum SplitArg {
-    Train,
-    Val,
-    Test,
-}
-
 #[derive(Debug, Args)]
 pub struct DatasetArgs {
-    /// Output folder, in KITTI's layout with TuSimple's lane labels beside it
+    /// Output folder
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// Frames in all; those already there are kept
     #[arg(long)]
     pub frames: u64,
+    /// Number of the first frame
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub start: u64,
     /// Seed of the scenes
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
-    /// Split
-    #[arg(long, value_enum, default_value = "train")]
-    pub split: SplitArg,
+    /// train, val or test; their scenes are never the same
+    #[arg(long, default_value = "train")]
+    pub split: Split,
+    /// Layouts, of kitti, tusimple and mcap (made from KITTI's files, which then are written, too)
+    #[arg(long, value_delimiter = ',', default_value = "kitti,tusimple")]
+    pub format: Vec<Format>,
 }
 
 /// What to measure.
@@ -127,9 +131,15 @@ pub struct EvalArgs {
     /// What to measure
     #[arg(value_enum)]
     pub what: EvalWhat,
-    /// Dataset folder as `covista dataset` writes it
-    #[arg(long, value_name = "DIR")]
+    /// Folder in KITTI's layout, such as `covista dataset` writes, or a single .bin, .png or .jpg
+    #[arg(long, value_name = "PATH")]
     pub data: PathBuf,
+    /// Labels of a single .bin, in KITTI's format [default: label_2 beside it]
+    #[arg(long, value_name = "FILE")]
+    pub labels: Option<PathBuf>,
+    /// Calibration of a single file, in KITTI's format [default: calib beside it, or KITTI's]
+    #[arg(long, value_name = "FILE")]
+    pub calibration: Option<PathBuf>,
     /// Folder of the networks
     #[arg(long, value_name = "DIR")]
     pub models: Option<PathBuf>,

@@ -1,9 +1,11 @@
-use anyhow::bail;
-use covista_sensors::{DatasetSpec, Split, write_dataset};
+use std::{ops::ControlFlow, sync::atomic::Ordering};
+
+use anyhow::{Context, bail};
+use covista_sensors::{DatasetSpec, stop_flag, write_dataset};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::{
-    cli::{DatasetArgs, SplitArg},
+    cli::DatasetArgs,
     output::{prepare_folder, say},
 };
 
@@ -14,22 +16,40 @@ pub fn run(args: &DatasetArgs) -> anyhow::Result<()> {
     }
     prepare_folder(&args.out)?;
     let spec = DatasetSpec {
-        out: args.out.clone(),
-        frames: args.frames,
-        start: 0,
+        start: args.start,
         seed: args.seed,
-        split: match args.split {
-            SplitArg::Train => Split::Train,
-            SplitArg::Val => Split::Val,
-            SplitArg::Test => Split::Test,
-        },
+        split: args.split,
+        formats: args.format.iter().copied().collect(),
+        ..DatasetSpec::new(args.out.clone(), args.frames)
     };
-    let bar = ProgressBar::new(args.frames);
+    let stop = stop_flag().context("cannot listen for Ctrl-C")?;
+    let bar = frame_bar();
+    let written = write_dataset(&spec, |done, total| {
+        bar.set_length(total as u64);
+        bar.set_position(done as u64);
+        match stop.load(Ordering::Relaxed) {
+            true => ControlFlow::Break(()),
+            false => ControlFlow::Continue(()),
+        }
+    });
+    bar.finish_and_clear();
+    let found = written?.frames;
+    let out = args.out.display();
+    if found > args.frames {
+        let asked = args.frames;
+        say(&format!(
+            "{found} frames in {out}: the {asked} asked for and others made before, all listed"
+        ))
+    } else {
+        say(&format!("{found} frames in {out}"))
+    }
+}
+
+/// Progress by frames, on stderr.
+pub fn frame_bar() -> ProgressBar {
+    let bar = ProgressBar::new(0);
     if let Ok(style) = ProgressStyle::with_template("[{bar:40}] {pos}/{len} frames, {eta} left") {
         bar.set_style(style.progress_chars("=> "));
     }
-    write_dataset(&spec, |done, _| bar.set_position(done as u64))?;
-    bar.finish_and_clear();
-    say(&format!("{} frames in {}", args.frames, args.out.display()))?;
-    Ok(())
+    bar
 }

@@ -14,6 +14,7 @@ use crate::{
     cli::{DemoArgs, PerceptionArg, SharingArg},
     output::{models_folder, prepare_file, prepare_folder, say, write_json, write_whole},
     record::{Recorded, Recorder},
+    replay::{self, is_recorded},
     table::side_by_side,
 };
 
@@ -31,6 +32,12 @@ struct Summary<'a> {
 
 /// `covista demo`.
 pub fn run_demo(args: &DemoArgs) -> anyhow::Result<()> {
+    if Scenario::builtin(&args.scenario).is_err() && is_recorded(&args.scenario) {
+        return replay::run(args);
+    }
+    if args.calibration.is_some() {
+        bail!("--calibration is for recorded frames; a scenario has its own sensors");
+    }
     let scenario = load_scenario(&args.scenario)?;
     let duration_s = args.duration.unwrap_or(scenario.duration_s);
     if !(0.01..=100_000.0).contains(&duration_s) {

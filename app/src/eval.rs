@@ -1,11 +1,20 @@
-use covista_drive::{DetectorEvaluation, LaneEvaluation, evaluate};
-use covista_perception::{DETECTOR_MODEL, LANE_MODEL, OnnxRuntime, Perceiver};
-use indicatif::{ProgressBar, ProgressStyle};
+use std::path::Path;
+
+use anyhow::bail;
+use covista_drive::{
+    ClassEvaluation, Evaluated, FittedPicture, Lacking, evaluate_detector, evaluate_lanes,
+};
+use covista_perception::{DETECTOR_MODEL, LANE_MODEL, Perceiver};
+use covista_sensors::kitti::{KittiFrame, read_cloud};
+use covista_world::ROW_ANCHORS;
 use serde::Serialize;
 
 use crate::{
     cli::{EvalArgs, EvalWhat},
-    output::{Report, models_folder, prepare_file, say, write_json},
+    dataset::frame_bar,
+    frames::{perceiver, recorded_frames},
+    output::{Report, prepare_file, say, write_json},
+    table::{aligned, box_rows},
 };
 
 /// A row of `--json`: the model, the frames, and its figures.
@@ -13,6 +22,7 @@ use crate::{
 struct Row<T> {
     model: &'static str,
     frames: usize,
+    lacking: Vec<Lacking>,
     #[serde(flatten)]
     figures: T,
 }
@@ -22,70 +32,149 @@ pub fn run(args: &EvalArgs) -> anyhow::Result<()> {
     if let Some(json) = &args.json {
         prepare_file(json)?;
     }
-    let runtime = OnnxRuntime::acquire(&|message| eprintln!("covista: {message}"))?;
-    let threads = std::thread::available_parallelism().map_or(1, Into::into);
-    let folder = models_folder(args.models.as_deref());
-    let mut perceiver = Perceiver::new(&runtime, &folder, threads)?;
-    let bar = ProgressBar::new(0);
-    if let Ok(style) = ProgressStyle::with_template("[{bar:40}] {pos}/{len} frames, {eta} left") {
-        bar.set_style(style.progress_chars("=> "));
+    let frames = recorded_frames(
+        &args.data,
+        args.calibration.as_deref(),
+        args.labels.as_deref(),
+    )?;
+    let mut perceiver = perceiver(args.models.as_deref())?;
+    let is_single = args.data.is_file();
+    match (args.what, &*frames) {
+        (EvalWhat::Lanes, [frame]) if is_single => {
+            print_marks(frame, &mut perceiver)?;
+            if frame.lanes.is_none() {
+                return without_labels(args, "lanes");
+            }
+        }
+        (EvalWhat::Detector, [frame]) if is_single => {
+            print_boxes(frame, &mut perceiver)?;
+            if frame.labels.is_none() {
+                return without_labels(args, "labels");
+            }
+            if frame.calibration.is_none() {
+                bail!("labels are in the camera's frame: name the --calibration, too");
+            }
+        }
+        _ => {}
     }
-    let evaluation = evaluate(&args.data, &mut perceiver, &|done, total| {
+    match args.what {
+        EvalWhat::Lanes => lanes(args, &frames, &mut perceiver),
+        EvalWhat::Detector => detector(args, &frames, &mut perceiver),
+    }
+}
+
+fn without_labels(args: &EvalArgs, what: &str) -> anyhow::Result<()> {
+    if args.json.is_some() {
+        bail!("--json holds figures, and there are no {what} beside the file to take them on");
+    }
+    Ok(())
+}
+
+fn lanes(args: &EvalArgs, frames: &[KittiFrame], perceiver: &mut Perceiver) -> anyhow::Result<()> {
+    let bar = frame_bar();
+    let evaluated = evaluate_lanes(frames, perceiver, &|done, total| {
         bar.set_length(total as u64);
         bar.set_position(done as u64);
     })?;
     bar.finish_and_clear();
-    let frames = evaluation.frames;
-    match args.what {
-        EvalWhat::Lanes => {
-            let LaneEvaluation {
-                accuracy_tusimple,
-                accuracy_ufld,
-            } = evaluation.lanes;
-            say(&format!(
-                "{LANE_MODEL} on {frames} frames: TuSimple accuracy {accuracy_tusimple:.2} %, \
-                 UFLD's variant {accuracy_ufld:.2} %"
-            ))?;
-            report(
-                args,
-                "eval lanes",
-                LANE_MODEL,
-                frames,
-                vec![evaluation.lanes],
-            )
-        }
-        EvalWhat::Detector => {
-            for DetectorEvaluation {
-                class,
-                boxes,
-                ap_bev_50_r40,
-                ap_bev_70_r40,
-            } in &evaluation.detector
-            {
-                let percent = |ap: &Option<f64>| ap.map_or("-".into(), |ap| format!("{ap:.1} %"));
-                say(&format!(
-                    "{DETECTOR_MODEL} on {frames} frames, {boxes} boxes of class {class:?}: \
-                     AP (BEV, R40) {} at IoU 0.5, {} at IoU 0.7",
-                    percent(ap_bev_50_r40),
-                    percent(ap_bev_70_r40)
-                ))?;
-            }
-            report(
-                args,
-                "eval detector",
-                DETECTOR_MODEL,
-                frames,
-                evaluation.detector,
-            )
-        }
+    let figures = &evaluated.figures;
+    say(&format!(
+        "{LANE_MODEL} on {} frames{}: TuSimple accuracy {:.2} %, UFLD's variant {:.2} %",
+        evaluated.frames,
+        lacking(&evaluated.lacking),
+        figures.accuracy_tusimple,
+        figures.accuracy_ufld
+    ))?;
+    let rows = vec![figures.clone()];
+    report(args, "eval lanes", LANE_MODEL, &evaluated, rows)
+}
+
+fn detector(
+    args: &EvalArgs,
+    frames: &[KittiFrame],
+    perceiver: &mut Perceiver,
+) -> anyhow::Result<()> {
+    let bar = frame_bar();
+    let evaluated = evaluate_detector(frames, perceiver, &|done, total| {
+        bar.set_length(total as u64);
+        bar.set_position(done as u64);
+    })?;
+    bar.finish_and_clear();
+    let figures = &evaluated.figures;
+    for ClassEvaluation {
+        class,
+        boxes,
+        ap_bev_50_r40,
+        ap_bev_70_r40,
+    } in &figures.classes
+    {
+        let percent = |ap: &Option<f64>| ap.map_or("-".into(), |ap| format!("{ap:.1} %"));
+        say(&format!(
+            "{DETECTOR_MODEL} on {} frames{}, {boxes} boxes of class {class:?}: \
+             AP (BEV, R40) {} at IoU 0.5, {} at IoU 0.7",
+            evaluated.frames,
+            lacking(&evaluated.lacking),
+            percent(ap_bev_50_r40),
+            percent(ap_bev_70_r40)
+        ))?;
+    }
+    if figures.picture_only {
+        say("all labels lie before the camera: boxes found outside the picture are left out")?;
+    }
+    let rows = figures.classes.clone();
+    report(args, "eval detector", DETECTOR_MODEL, &evaluated, rows)
+}
+
+/// ` (3 others lack label_2)`.
+fn lacking(lacking: &[Lacking]) -> String {
+    let each = lacking
+        .iter()
+        .map(|Lacking { file, frames }| format!("{frames} others lack {file}"));
+    match each.collect::<Vec<_>>().join(", ") {
+        said if said.is_empty() => said,
+        said => format!(" ({said})"),
     }
 }
 
-fn report<T: Serialize>(
+/// The boxes found in a single sweep.
+fn print_boxes(frame: &KittiFrame, perceiver: &mut Perceiver) -> anyhow::Result<()> {
+    let Some(path) = &frame.cloud else {
+        bail!("the detector needs a point cloud: name a .bin");
+    };
+    let found = perceiver.detect(&read_cloud(path)?)?;
+    say(aligned(&box_rows(&found)).trim_end())
+}
+
+/// The marks found in a single picture, at its own rows and columns.
+fn print_marks(frame: &KittiFrame, perceiver: &mut Perceiver) -> anyhow::Result<()> {
+    let Some(path) = &frame.image else {
+        bail!("the lane network needs a picture: name a .png or .jpg");
+    };
+    let picture = FittedPicture::read(Path::new(path), perceiver.image_size_px())?;
+    let marks = perceiver.find_marks(&picture.image)?;
+    let mut rows = vec![vec!["row_px".to_owned()]];
+    rows[0].extend((0..marks.len()).map(|mark| format!("mark_{mark}_px")));
+    for (index, anchor) in ROW_ANCHORS.iter().enumerate() {
+        let row_px = f64::from(anchor.0) / picture.scale[1];
+        let columns = marks.iter().map(|mark| {
+            mark[index].map_or("-".to_owned(), |u| {
+                format!("{:.1}", f64::from(u) / picture.scale[0])
+            })
+        });
+        rows.push(
+            std::iter::once(format!("{row_px:.1}"))
+                .chain(columns)
+                .collect(),
+        );
+    }
+    say(aligned(&rows).trim_end())
+}
+
+fn report<T: Serialize, F>(
     args: &EvalArgs,
     command: &str,
     model: &'static str,
-    frames: usize,
+    evaluated: &Evaluated<F>,
     figures: Vec<T>,
 ) -> anyhow::Result<()> {
     let Some(path) = &args.json else {
@@ -95,7 +184,8 @@ fn report<T: Serialize>(
         .into_iter()
         .map(|figures| Row {
             model,
-            frames,
+            frames: evaluated.frames,
+            lacking: evaluated.lacking.clone(),
             figures,
         })
         .collect();

@@ -7,9 +7,11 @@ mod cli;
 mod dataset;
 mod demo;
 mod eval;
+mod frames;
 mod models;
 mod output;
 mod record;
+mod replay;
 mod table;
 
 use std::process::ExitCode;

@@ -1,4 +1,5 @@
 use covista_drive::RunSummary;
+use covista_world::Detection3d;
 
 /// The runs side by side, as text for the terminal.
 pub fn side_by_side(runs: &[RunSummary]) -> String {
@@ -68,6 +69,26 @@ pub fn side_by_side(runs: &[RunSummary]) -> String {
     aligned(&rows)
 }
 
+/// A table of boxes in the LIDAR frame.
+pub fn box_rows(found: &[Detection3d]) -> Vec<Vec<String>> {
+    let header = [
+        "class", "x_m", "y_m", "z_m", "l_m", "w_m", "h_m", "yaw_rad", "score",
+    ];
+    let rows = found.iter().map(|found| {
+        let lengths = found.center_m.iter().chain(&found.size_m);
+        std::iter::once(format!("{:?}", found.class).to_lowercase())
+            .chain(lengths.map(|length| format!("{length:.2}")))
+            .chain([
+                format!("{:.3}", found.yaw_rad),
+                format!("{:.3}", found.score),
+            ])
+            .collect()
+    });
+    std::iter::once(header.map(str::to_owned).to_vec())
+        .chain(rows)
+        .collect()
+}
+
 fn row(name: &str, runs: &[RunSummary], cell: impl Fn(&RunSummary) -> String) -> Vec<String> {
     std::iter::once(name.to_owned())
         .chain(runs.iter().map(cell))
@@ -78,7 +99,8 @@ fn optional(value: Option<f64>, digits: usize) -> String {
     value.map_or_else(|| "-".into(), |value| format!("{value:.digits$}"))
 }
 
-fn aligned(rows: &[Vec<String>]) -> String {
+/// Rows of cells as text, the first column to the left and the others to the right.
+pub fn aligned(rows: &[Vec<String>]) -> String {
     let width = |column: usize| {
         rows.iter()
             .filter_map(|row| row.get(column))

@@ -13,6 +13,7 @@ mod cause;
 mod cav;
 mod evaluate;
 mod monitor;
+mod recorded;
 mod run;
 mod senses;
 mod summary;
@@ -23,8 +24,12 @@ mod truth;
 pub use cause::Cause;
 pub use covista_control::ControlSettings;
 pub use covista_traffic::{Material, Scenario, Traffic, VehicleKind};
-pub use evaluate::{DetectorEvaluation, EvaluateError, Evaluation, LaneEvaluation, evaluate};
+pub use evaluate::{
+    ClassEvaluation, DetectorEvaluation, EvaluateError, Evaluated, LaneEvaluation, Progress,
+    evaluate_detector, evaluate_lanes,
+};
 pub use monitor::{CavView, Monitor, TrueBarriers};
+pub use recorded::{FittedPicture, Lacking, RecordedError, calibration_of};
 pub use run::{FocusSnapshot, Observe, RecordError, RunConfig, RunError, Snapshot, run};
 pub use senses::Senses;
 pub use summary::{CavSummary, RunSummary, StageWallTimes};

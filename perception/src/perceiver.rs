@@ -4,13 +4,14 @@ use std::path::Path;
 use std::time::Instant;
 
 use covista_world::{
-    Calibration, CameraImage, FreeSpace, InvalidPayload, LaneMarks, Percept, PointCloud,
-    SensorFrame, Validate,
+    Calibration, CameraImage, Detection3d, FreeSpace, InvalidPayload, LaneMarks, Percept,
+    PointCloud, SensorFrame, Validate,
 };
 
 use crate::card::{CardError, ModelCard, Network, UfldSpec};
 use crate::free_space::free_space;
 use crate::fusion::fuse;
+use crate::lanes::decode::MarkPixels;
 use crate::lanes::{decode, ground, network::LaneNetwork, preprocess::Resize};
 use crate::models::{DETECTOR_MODEL, LANE_MODEL, ModelError};
 use crate::pointpillars::{decode::BoxDecoder, network::DetectorNetwork, preprocess::PillarGrid};
@@ -20,13 +21,8 @@ use crate::runtime::{OnnxRuntime, one_line};
 #[derive(Debug, thiserror::Error)]
 pub enum PerceiveError {
     /// A number is not finite or the image has another size than it says.
-    #[error("the sensor frame at {time_s} s is refused: {source}")]
-    Frame {
-        /// Time stamp of the frame in seconds.
-        time_s: f64,
-        /// What is wrong.
-        source: InvalidPayload,
-    },
+    #[error("a sensor frame is refused: {0}")]
+    Frame(#[source] InvalidPayload),
     /// The image is not the lane network's.
     #[error(
         "the image is {found:?} pixels wide and high and the lane network was trained on \
@@ -122,6 +118,37 @@ impl Perceiver {
         })
     }
 
+    /// Width and height of the images that the lane network was trained on, in pixels.
+    pub fn image_size_px(&self) -> [u32; 2] {
+        [
+            self.lanes.spec.image_width_px,
+            self.lanes.spec.image_height_px,
+        ]
+    }
+
+    /// The detector's range in the LIDAR frame in metres: least x, y, z, greatest x, y, z.
+    pub fn range_m(&self) -> [f32; 6] {
+        self.detector.grid.range_m()
+    }
+
+    /// The lane marks in an image.
+    ///
+    /// # Errors
+    /// The image is not valid or of another size, or ONNX Runtime fails.
+    pub fn find_marks(&mut self, image: &CameraImage) -> Result<MarkPixels, PerceiveError> {
+        self.lanes.check(image)?;
+        self.lanes.run(image).map_err(failed(LANE_MODEL))
+    }
+
+    /// The vehicles in a sweep, in the LIDAR frame, the surest first.
+    ///
+    /// # Errors
+    /// The sweep is not valid or ONNX Runtime fails.
+    pub fn detect(&mut self, sweep: &PointCloud) -> Result<Vec<Detection3d>, PerceiveError> {
+        check(sweep)?;
+        self.detector.run(sweep).map_err(failed(DETECTOR_MODEL))
+    }
+
     /// Perceives one frame; the same frame always gives the same percepts.
     ///
     /// # Errors
@@ -131,7 +158,8 @@ impl Perceiver {
         frame: &SensorFrame,
         calibration: &Calibration,
     ) -> Result<FramePercepts, PerceiveError> {
-        self.lanes.check(frame)?;
+        self.lanes.check(&frame.image)?;
+        check(&frame.points)?;
         let Self {
             lanes, detector, ..
         } = self;
@@ -148,12 +176,6 @@ impl Perceiver {
             })
         } else {
             (lanes(), detector())
-        };
-        let failed = |model| {
-            move |error: ort::Error| PerceiveError::Inference {
-                model,
-                reason: one_line(&error.to_string()),
-            }
         };
         let pixels = pixels.map_err(failed(LANE_MODEL))?;
         let detections = detections.map_err(failed(DETECTOR_MODEL))?;
@@ -175,6 +197,17 @@ impl Perceiver {
     }
 }
 
+fn check(payload: &impl Validate) -> Result<(), PerceiveError> {
+    payload.validate().map_err(PerceiveError::Frame)
+}
+
+fn failed(model: &'static str) -> impl Fn(ort::Error) -> PerceiveError {
+    move |error| PerceiveError::Inference {
+        model,
+        reason: one_line(&error.to_string()),
+    }
+}
+
 impl LaneStage {
     fn open(runtime: &OnnxRuntime, card: &ModelCard, spec: &UfldSpec) -> Result<Self, ModelError> {
         let network = LaneNetwork::open(runtime, card, spec, 1)?;
@@ -186,14 +219,9 @@ impl LaneStage {
         })
     }
 
-    fn check(&self, frame: &SensorFrame) -> Result<(), PerceiveError> {
-        let refused = |source| PerceiveError::Frame {
-            time_s: frame.time_s,
-            source,
-        };
-        frame.image.validate().map_err(refused)?;
-        frame.points.validate().map_err(refused)?;
-        let found = [frame.image.width_px, frame.image.height_px];
+    fn check(&self, image: &CameraImage) -> Result<(), PerceiveError> {
+        check(image)?;
+        let found = [image.width_px, image.height_px];
         let expected = [self.spec.image_width_px, self.spec.image_height_px];
         if found == expected {
             Ok(())
@@ -202,7 +230,7 @@ impl LaneStage {
         }
     }
 
-    fn run(&mut self, image: &CameraImage) -> ort::Result<decode::MarkPixels> {
+    fn run(&mut self, image: &CameraImage) -> ort::Result<MarkPixels> {
         let UfldSpec {
             grid_cells,
             image_width_px,
@@ -216,7 +244,7 @@ impl LaneStage {
 }
 
 impl DetectorStage {
-    fn run(&mut self, sweep: &PointCloud) -> ort::Result<Vec<covista_world::Detection3d>> {
+    fn run(&mut self, sweep: &PointCloud) -> ort::Result<Vec<Detection3d>> {
         let pillars = self.grid.apply(sweep);
         if pillars.coords.is_empty() {
             return Ok(Vec::new());

@@ -9,7 +9,8 @@ mod manifest;
 mod spec;
 
 use std::ops::ControlFlow;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 
@@ -80,6 +81,18 @@ pub fn write_dataset(
         folder.write_mcap()?;
     }
     manifest
+}
+
+/// A flag that Ctrl-C, or a request to end, sets from now on instead of ending the process.
+///
+/// # Errors
+/// When the system refuses.
+pub fn stop_flag() -> std::io::Result<Arc<AtomicBool>> {
+    let flag = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        signal_hook::flag::register(signal, Arc::clone(&flag))?;
+    }
+    Ok(flag)
 }
 
 /// Listing takes as long as there are frames: its share stays the same when the steps grow, too.

@@ -2,6 +2,7 @@
 //!
 //! - `workspace`: the dependency rule of ARCHITECTURE.md, read off the Cargo.toml files;
 //! - `demo`: the obstacle-at-corner demo through the binary;
+//! - `dataset`: data sets written, stopped and read, recorded frames, and bad ones;
 //! - `errors`: bad input, one clear line and exit code 2.
 
 #![allow(
@@ -11,6 +12,7 @@
 )]
 
 mod binary;
+mod dataset;
 mod demo;
 mod errors;
 mod workspace;

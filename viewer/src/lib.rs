@@ -8,6 +8,7 @@
 //! reads anything from it, and it knows neither the simulator nor a stage, only the vocabulary.
 
 mod error;
+mod frames;
 mod hull;
 mod layout;
 mod objects;
@@ -18,10 +19,12 @@ mod plots;
 mod projection;
 mod record;
 mod recording;
+mod rrd;
 mod scene;
 mod series;
 
 pub use error::ViewerError;
+pub use frames::FrameRecording;
 pub use open::open_viewer;
 pub use plots::{RunSeries, VehicleSample, VehicleSeries, plot_speeds, plot_trajectories};
 pub use record::{

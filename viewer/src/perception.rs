@@ -19,16 +19,24 @@ const FRESH_S: f64 = 1.0;
 const EGO: &str = "world/perception";
 /// Its camera, which holds the image.
 pub const CAMERA: &str = "world/perception/camera";
+/// Its LIDAR, which holds the sweep.
+pub const LIDAR: &str = "world/perception/lidar";
 
-/// Logs where the sensors sit on the vehicle.
+/// Logs where the sensors sit on the vehicle, for all times or for the one that is set.
 pub fn log_mounting(
     stream: &RecordingStream,
     calibration: &Calibration,
+    is_static: bool,
 ) -> RecordingStreamResult<()> {
     let camera = &calibration.intrinsics;
-    stream.log_static(CAMERA, &transform(&calibration.vehicle_from_camera))?;
-    stream.log_static(
+    stream.log_with_static(
         CAMERA,
+        is_static,
+        &transform(&calibration.vehicle_from_camera),
+    )?;
+    stream.log_with_static(
+        CAMERA,
+        is_static,
         &rerun::Pinhole::from_focal_length_and_resolution(
             [camera.fx_px as f32, camera.fy_px as f32],
             [camera.width_px as f32, camera.height_px as f32],
@@ -37,8 +45,9 @@ pub fn log_mounting(
         .with_camera_xyz(rerun::components::ViewCoordinates::RDF)
         .with_image_plane_distance(6.0),
     )?;
-    stream.log_static(
-        "world/perception/lidar",
+    stream.log_with_static(
+        LIDAR,
+        is_static,
         &transform(&calibration.vehicle_from_lidar),
     )
 }
@@ -50,10 +59,24 @@ pub fn log_focus(
     frame: &FocusFrame,
     time_s: f64,
 ) -> RecordingStreamResult<()> {
+    log_measured(stream, frame, &scene.calibration, scene.focus)?;
+    stream.log(
+        "world/tracks",
+        &track_outlines(&frame.tracks, scene.focus, time_s),
+    )
+}
+
+/// Logs what it measured and what its networks found in it.
+pub fn log_measured(
+    stream: &RecordingStream,
+    frame: &FocusFrame,
+    calibration: &Calibration,
+    focus: StationId,
+) -> RecordingStreamResult<()> {
     stream.log(EGO, &ground_transform(frame.pose))?;
     if let Some(cloud) = &frame.cloud {
-        let sensor_height_m = scene.calibration.vehicle_from_lidar.translation.z as f32;
-        stream.log("world/perception/lidar", &points(cloud, sensor_height_m))?;
+        let sensor_height_m = calibration.vehicle_from_lidar.translation.z as f32;
+        stream.log(LIDAR, &points(cloud, sensor_height_m))?;
     }
     if let Some(jpeg) = frame.image.as_ref().and_then(encode_jpeg) {
         stream.log(
@@ -64,14 +87,10 @@ pub fn log_focus(
     if let Some(marks) = &frame.marks {
         stream.log("world/perception/camera/marks", &mark_points(marks))?;
     }
-    stream.log("world/boxes", &seen_boxes(&frame.boxes, scene.focus))?;
+    stream.log("world/boxes", &seen_boxes(&frame.boxes, focus))?;
     stream.log(
         "world/perception/camera/boxes",
-        &projected_boxes(frame, scene),
-    )?;
-    stream.log(
-        "world/tracks",
-        &track_outlines(&frame.tracks, scene.focus, time_s),
+        &projected_boxes(frame, calibration, focus),
     )
 }
 
@@ -172,13 +191,17 @@ fn seen_boxes(boxes: &[SeenBox], focus: StationId) -> rerun::Boxes3D {
     .with_radii([rerun::Radius::new_ui_points(2.0)])
 }
 
-fn projected_boxes(frame: &FocusFrame, scene: &SceneRecord) -> rerun::LineStrips2D {
+fn projected_boxes(
+    frame: &FocusFrame,
+    calibration: &Calibration,
+    focus: StationId,
+) -> rerun::LineStrips2D {
     let (lines, classes): (Vec<_>, Vec<_>) = frame
         .boxes
         .iter()
         .flat_map(|seen| {
-            let class = seer(seen, scene.focus).id();
-            project_box(&seen.state, frame.pose, &scene.calibration)
+            let class = seer(seen, focus).id();
+            project_box(&seen.state, frame.pose, calibration)
                 .into_iter()
                 .map(move |line| (line, class))
         })

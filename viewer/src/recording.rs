@@ -1,25 +1,23 @@
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use covista_world::Validate;
-use rerun::log::ChunkBatcherConfig;
-use rerun::{ApplicationId, RecordingStream, RecordingStreamBuilder};
+use rerun::ApplicationId;
 
+use crate::rrd::RrdFile;
 use crate::series::StateMemory;
-use crate::{SceneRecord, StepRecord, ViewerError};
+use crate::{FocusFrame, SceneRecord, StepRecord, ViewerError};
 use crate::{layout, objects, perception, scene, series};
 
 /// The one timeline.
 pub const TIMELINE: &str = "time";
 
-/// A rerun recording (.rrd) on its way to the disk.
+/// A run's recording (.rrd) on its way to the disk.
 ///
 /// It is written beside its place under another name; [`Recording::finish`] puts it there. A
 /// recording that is dropped unfinished leaves nothing behind.
 #[derive(Debug)]
 pub struct Recording {
-    path: PathBuf,
-    partial: PathBuf,
-    stream: RecordingStream,
+    file: RrdFile,
     scene: SceneRecord,
     states: StateMemory,
 }
@@ -30,41 +28,24 @@ impl Recording {
     /// # Errors
     /// When the folder can't be written.
     pub fn create(path: &Path, scene: SceneRecord) -> Result<Self, ViewerError> {
-        let partial = path.with_extension("rrd.part");
-        // Found out here, because rerun writes in a thread of its own.
-        std::fs::File::create(&partial).map_err(|source| ViewerError::Write {
-            path: path.to_owned(),
-            source,
-        })?;
         let application = ApplicationId::new_or_unknown(format!("covista {}", scene.scenario));
-        let stream = RecordingStreamBuilder::new(application.clone())
-            .recording_name(scene.run.as_str())
-            // Few large chunks, however slowly the steps come.
-            .batcher_config(ChunkBatcherConfig {
-                flush_tick: std::time::Duration::from_secs(3600),
-                ..ChunkBatcherConfig::DEFAULT
-            })
-            .save(&partial)
-            .map_err(|error| ViewerError::record(path, error))?;
         let recording = Self {
-            path: path.to_owned(),
-            partial,
-            stream,
+            file: RrdFile::create(path, application.clone(), &scene.run)?,
             scene,
             states: StateMemory::default(),
         };
         recording
             .log_static(application)
-            .map_err(|error| ViewerError::record(path, error))?;
+            .map_err(|error| recording.file.error(error))?;
         Ok(recording)
     }
 
     fn log_static(&self, application: ApplicationId) -> rerun::RecordingStreamResult<()> {
-        layout::send_blueprint(&self.stream, application, &self.scene)?;
-        scene::log_scene(&self.stream, &self.scene)?;
-        objects::log_bodies(&self.stream, &self.scene)?;
-        perception::log_mounting(&self.stream, &self.scene.calibration)?;
-        series::log_styles(&self.stream, &self.scene)
+        layout::send_blueprint(&self.file.stream, application, &self.scene)?;
+        scene::log_scene(&self.file.stream, &self.scene)?;
+        objects::log_bodies(&self.file.stream, &self.scene)?;
+        perception::log_mounting(&self.file.stream, &self.scene.calibration, true)?;
+        series::log_styles(&self.file.stream, &self.scene)
     }
 
     /// Adds one instant. Every 0.1 s is smooth; each perception frame costs some 0.4 MB.
@@ -74,16 +55,16 @@ impl Recording {
     pub fn log_step(&mut self, step: &StepRecord) -> Result<(), ViewerError> {
         check(step)?;
         self.log_checked(step)
-            .map_err(|error| ViewerError::record(&self.path, error))
+            .map_err(|error| self.file.error(error))
     }
 
     fn log_checked(&mut self, step: &StepRecord) -> rerun::RecordingStreamResult<()> {
-        self.stream.set_duration_secs(TIMELINE, step.time_s);
-        objects::log_vehicles(&self.stream, &self.scene, step)?;
+        self.file.stream.set_duration_secs(TIMELINE, step.time_s);
+        objects::log_vehicles(&self.file.stream, &self.scene, step)?;
         if let Some(frame) = &step.focus {
-            perception::log_focus(&self.stream, &self.scene, frame, step.time_s)?;
+            perception::log_focus(&self.file.stream, &self.scene, frame, step.time_s)?;
         }
-        series::log_series(&self.stream, &self.scene, step, &mut self.states)
+        series::log_series(&self.file.stream, &self.scene, step, &mut self.states)
     }
 
     /// Completes the file and puts it in its place.
@@ -91,24 +72,7 @@ impl Recording {
     /// # Errors
     /// When it can't be written to the end, as on a full disk.
     pub fn finish(self) -> Result<(), ViewerError> {
-        self.stream
-            .flush_blocking()
-            .map_err(|error| ViewerError::record(&self.path, error))?;
-        self.stream.disconnect();
-        std::fs::rename(&self.partial, &self.path).map_err(|source| ViewerError::Write {
-            path: self.path.clone(),
-            source,
-        })
-    }
-}
-
-impl Drop for Recording {
-    fn drop(&mut self) {
-        if self.partial.exists() {
-            self.stream.disconnect();
-            // Nobody is left to be told when even this fails.
-            std::fs::remove_file(&self.partial).ok();
-        }
+        self.file.finish()
     }
 }
 
@@ -139,8 +103,21 @@ fn check(step: &StepRecord) -> Result<(), ViewerError> {
             ],
         )?;
     }
-    let Some(frame) = &step.focus else {
-        return Ok(());
+    match &step.focus {
+        None => Ok(()),
+        Some(frame) => check_frame(frame, step.time_s),
+    }
+}
+
+/// The same for what sensors measured and networks found.
+pub fn check_frame(frame: &FocusFrame, time_s: f64) -> Result<(), ViewerError> {
+    let bad = |what: String| ViewerError::BadRecord { time_s, what };
+    let finite = |what: &str, values: &[f64]| {
+        if values.iter().all(|value| value.is_finite()) {
+            Ok(())
+        } else {
+            Err(bad(format!("{what} is not finite")))
+        }
     };
     finite(
         "the pose of the perception frame",

@@ -51,6 +51,11 @@ impl PillarGrid {
         }
     }
 
+    /// Least x, y, z and greatest x, y, z in metres in the LIDAR frame.
+    pub fn range_m(&self) -> [f32; 6] {
+        self.spec.range_m
+    }
+
     /// The pillars of a sweep whose numbers are finite.
     pub fn apply(&mut self, sweep: &PointCloud) -> &Pillars {
         self.sort_into_cells(sweep);

@@ -2,11 +2,10 @@
 
 use std::ops::ControlFlow;
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::time::Instant;
 
-use covista_sensors::{DatasetSpec, write_dataset};
+use covista_sensors::{DatasetSpec, stop_flag, write_dataset};
 
 const USAGE: &str = "usage: covista-dataset --out DIR --frames N [--start N] [--seed N] \
                      [--split train|val|test] [--format kitti,tusimple,mcap]";
@@ -29,9 +28,7 @@ fn main() -> ExitCode {
 }
 
 fn write(spec: &DatasetSpec) -> Result<(), Box<dyn std::error::Error>> {
-    let stop = Arc::new(AtomicBool::new(false));
-    let stopping = Arc::clone(&stop);
-    ctrlc::set_handler(move || stopping.store(true, Ordering::Relaxed))?;
+    let stop = stop_flag()?;
     let began = Instant::now();
     let manifest = write_dataset(spec, |done, total| {
         if done.is_multiple_of(50) || done == total {

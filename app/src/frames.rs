@@ -1,0 +1,40 @@
+use std::path::Path;
+
+use anyhow::bail;
+use covista_perception::{OnnxRuntime, Perceiver};
+use covista_sensors::kitti::{KittiFrame, kitti_frames};
+
+use crate::output::models_folder;
+
+/// The recorded frames at `path`: those of a folder in KITTI's layout or the one of a single file,
+/// with the files named for it.
+pub fn recorded_frames(
+    path: &Path,
+    calibration: Option<&Path>,
+    labels: Option<&Path>,
+) -> anyhow::Result<Vec<KittiFrame>> {
+    if path.is_dir() {
+        if calibration.is_some() || labels.is_some() {
+            bail!(
+                "--calibration and --labels are for a single file; {} is a folder with its own",
+                path.display()
+            );
+        }
+        return Ok(kitti_frames(path)?);
+    }
+    let mut frame = KittiFrame::of_file(path)?;
+    if let Some(calibration) = calibration {
+        frame.calibration = Some(calibration.to_owned());
+    }
+    if let Some(labels) = labels {
+        frame.labels = Some(labels.to_owned());
+    }
+    Ok(vec![frame])
+}
+
+/// Both networks on all cores.
+pub fn perceiver(models: Option<&Path>) -> anyhow::Result<Perceiver> {
+    let runtime = OnnxRuntime::acquire(&|message| eprintln!("covista: {message}"))?;
+    let threads = std::thread::available_parallelism().map_or(1, Into::into);
+    Ok(Perceiver::new(&runtime, &models_folder(models), threads)?)
+}

@@ -1,0 +1,58 @@
+use covista_perception::{Perceiver, metrics::lane_accuracy};
+use covista_sensors::{kitti::KittiFrame, read_tusimple_line};
+use serde::Serialize;
+
+use super::{EvaluateError, Evaluated, Progress, file_of};
+use crate::recorded::{FittedPicture, with_files};
+
+/// The lane network's figures, in percent.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LaneEvaluation {
+    /// TuSimple's accuracy, mean over frames.
+    pub accuracy_tusimple: f64,
+    /// UFLD's variant of it.
+    pub accuracy_ufld: f64,
+}
+
+/// Runs the lane network on the frames that have a picture and lane labels.
+///
+/// # Errors
+/// When there is none, a file is unusable or the network fails.
+pub fn evaluate_lanes(
+    frames: &[KittiFrame],
+    perceiver: &mut Perceiver,
+    progress: Progress<'_>,
+) -> Result<Evaluated<LaneEvaluation>, EvaluateError> {
+    let (usable, lacking) = with_files(
+        frames,
+        &[
+            ("image_2", |frame| &frame.image),
+            ("lanes", |frame| &frame.lanes),
+        ],
+    );
+    let (mut sums, mut counted) = ([0.0; 2], 0_usize);
+    for (index, frame) in usable.iter().enumerate() {
+        let picture = FittedPicture::read(file_of(&frame.image)?, perceiver.image_size_px())?;
+        let labels = file_of(&frame.lanes)?;
+        let text =
+            std::fs::read_to_string(labels).map_err(|error| EvaluateError::file(labels, error))?;
+        let truth = read_tusimple_line(&text, picture.scale)
+            .map_err(|reason| EvaluateError::file(labels, reason))?;
+        let found = perceiver.find_marks(&picture.image)?;
+        if let Some(accuracy) = lane_accuracy(&found, &truth) {
+            sums[0] += accuracy.tusimple;
+            sums[1] += accuracy.ufld;
+            counted += 1;
+        }
+        progress(index + 1, usable.len());
+    }
+    let [accuracy_tusimple, accuracy_ufld] = sums.map(|sum| 100.0 * sum / counted.max(1) as f64);
+    Evaluated::new(
+        usable.len(),
+        lacking,
+        LaneEvaluation {
+            accuracy_tusimple,
+            accuracy_ufld,
+        },
+    )
+}
