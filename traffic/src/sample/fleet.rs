@@ -1,8 +1,9 @@
-use covista_world::{BicycleState, LaneIndex, Road};
+use covista_world::{BicycleState, LaneIndex, ObjectClass, Road, Se2Pose};
 use nalgebra::Vector3;
 use rand::Rng;
 use rand_distr::{Distribution, Normal};
 
+use super::mix::{Mix, draw_scale};
 use crate::{Footprint, SceneVehicle, VehicleId, VehicleModel};
 
 /// The vehicle with the sensors.
@@ -75,7 +76,7 @@ fn draw_car(rng: &mut impl Rng) -> VehicleModel {
     }
 }
 
-/// Any model: four in five are cars.
+/// A model of the simulated traffic: four in five are cars.
 pub(crate) fn draw_model(rng: &mut impl Rng) -> VehicleModel {
     match rng.random_range(0..10) {
         0 => VehicleModel::Truck,
@@ -84,9 +85,9 @@ pub(crate) fn draw_model(rng: &mut impl Rng) -> VehicleModel {
     }
 }
 
-/// A realistic paint: vans and trucks are mostly white.
+/// A realistic paint: large vehicles are mostly white.
 pub(crate) fn draw_paint(model: VehicleModel, rng: &mut impl Rng) -> [u8; 3] {
-    let large = matches!(model, VehicleModel::Van | VehicleModel::Truck);
+    let large = model.class() == ObjectClass::Truck;
     let base = if large && rng.random_bool(0.6) {
         PAINTS[0].1
     } else {
@@ -107,11 +108,17 @@ pub(crate) fn draw_paint(model: VehicleModel, rng: &mut impl Rng) -> [u8; 3] {
 pub(super) fn draw(rng: &mut impl Rng, road: &Road, ego_s_m: f64) -> Vec<SceneVehicle> {
     let ego_lane = draw_lane(rng);
     let ego_model = draw_car(rng);
+    let ego = vehicle(ego_model, Vector3::repeat(1.0), draw_paint(ego_model, rng));
+    let mix = if rng.random_bool(0.5) {
+        Mix::European
+    } else {
+        Mix::American
+    };
     let mut slots = Vec::new();
     for lane in LaneIndex::all() {
         let flow = Flow::draw(rng);
         let (mut front_m, mut rear_m) = if lane == ego_lane {
-            let size = ego_model.dimensions();
+            let size = ego.dimensions();
             let rear_m = ego_s_m - size.rear_overhang_m;
             (rear_m + size.length_m, rear_m)
         } else {
@@ -119,25 +126,25 @@ pub(super) fn draw(rng: &mut impl Rng, road: &Road, ego_s_m: f64) -> Vec<SceneVe
             (anywhere_m, anywhere_m)
         };
         while front_m < ego_s_m + AHEAD_M {
-            let model = draw_model(rng);
-            let size = model.dimensions();
+            let vehicle = draw_vehicle(rng, mix);
+            let size = vehicle.dimensions();
             front_m += flow.gap_m(rng);
             slots.push((
                 lane,
                 front_m + size.rear_overhang_m,
-                model,
+                vehicle,
                 flow.speed_mps(rng),
             ));
             front_m += size.length_m;
         }
         while rear_m > ego_s_m - BEHIND_M {
-            let model = draw_model(rng);
-            let size = model.dimensions();
+            let vehicle = draw_vehicle(rng, mix);
+            let size = vehicle.dimensions();
             rear_m -= flow.gap_m(rng) + size.length_m;
             slots.push((
                 lane,
                 rear_m + size.rear_overhang_m,
-                model,
+                vehicle,
                 flow.speed_mps(rng),
             ));
         }
@@ -148,7 +155,7 @@ pub(super) fn draw(rng: &mut impl Rng, road: &Road, ego_s_m: f64) -> Vec<SceneVe
         rng,
         road,
         &mut vehicles,
-        (ego_lane, ego_s_m, ego_model, ego_speed_mps),
+        (ego_lane, ego_s_m, ego, ego_speed_mps),
     );
     let wanted = 1 + rng.random_range(3..=25);
     while vehicles.len() < wanted && !slots.is_empty() {
@@ -156,6 +163,25 @@ pub(super) fn draw(rng: &mut impl Rng, road: &Road, ego_s_m: f64) -> Vec<SceneVe
         place(rng, road, &mut vehicles, slot);
     }
     vehicles
+}
+
+/// A vehicle that is not yet on the road.
+fn draw_vehicle(rng: &mut impl Rng, mix: Mix) -> SceneVehicle {
+    let model = mix.draw_model(rng);
+    vehicle(model, draw_scale(model, rng), draw_paint(model, rng))
+}
+
+fn vehicle(model: VehicleModel, scale: Vector3<f64>, paint: [u8; 3]) -> SceneVehicle {
+    SceneVehicle {
+        id: EGO,
+        model,
+        paint,
+        scale,
+        state: BicycleState {
+            pose: Se2Pose::default(),
+            speed_mps: 0.0,
+        },
+    }
 }
 
 fn draw_lane(rng: &mut impl Rng) -> LaneIndex {
@@ -168,7 +194,7 @@ fn place(
     rng: &mut impl Rng,
     road: &Road,
     vehicles: &mut Vec<SceneVehicle>,
-    (lane, s_m, model, speed_mps): (LaneIndex, f64, VehicleModel, f64),
+    (lane, s_m, vehicle, speed_mps): (LaneIndex, f64, SceneVehicle, f64),
 ) {
     let (mut offset_m, mut psi_rad) = (normal(rng, 0.25), normal(rng, 0.015));
     let neighbours = [lane.left().map(|_| 1.0), lane.right().map(|_| -1.0)];
@@ -179,17 +205,15 @@ fn place(
         psi_rad += side * rng.random_range(0.03..0.12) * (1.0 - (2.0 * progress - 1.0).powi(2));
     }
     let pose = road.pose_from_frenet(s_m, road.lane_center_m(lane) + offset_m, psi_rad);
-    let own = Footprint::new(pose, model.dimensions(), CLEARANCE_M);
+    let own = Footprint::new(pose, vehicle.dimensions(), CLEARANCE_M);
     let free = vehicles
         .iter()
         .all(|other| !own.overlaps(&Footprint::new(other.state.pose, other.dimensions(), 0.0)));
     if free {
         vehicles.push(SceneVehicle {
             id: VehicleId(vehicles.len() as u32),
-            model,
-            paint: draw_paint(model, rng),
-            scale: Vector3::repeat(1.0),
             state: BicycleState { pose, speed_mps },
+            ..vehicle
         });
     }
 }
