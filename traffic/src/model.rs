@@ -195,7 +195,6 @@ mod tests {
                 );
             }
             let faces: usize = parts.iter().map(faces).sum();
-            eprintln!("{model:?}: {} parts, {faces} faces", parts.len());
             assert!(faces <= 330, "{model:?}: {faces} faces");
         }
     }

@@ -108,7 +108,9 @@ impl<'a> Drawing<'a> {
             ..
         } = *self;
         let clearance_m = shape.clearance_m;
-        let [rear_m, front_m] = [-tail_m, nose_m - self.size.wheelbase_m].map(|x| x.min(0.9));
+        // Upright ends are squarer.
+        let front_m = (nose_m - self.size.wheelbase_m).min(0.9).min(shape.cowl[0]);
+        let rear_m = (-tail_m).min(0.9).min(6.0 * shape.window_base[0]);
         Solid::default()
             .side_view(&[
                 [tail_m + 0.12, clearance_m],

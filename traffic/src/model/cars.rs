@@ -202,7 +202,7 @@ pub(super) const BUS: CarShape = CarShape {
     tail_lamp_m: [0.96, 1.26],
     tumblehome_m: 0.13,
     rear_pillar_m: 0.30,
-    posts_m: &[-1.30, 0.9, 3.2, 5.5],
+    posts_m: &[-1.30, 1.6, 4.5],
     seats_m: -1.0,
-    benches_m: &[1.6, 3.2, 4.8],
+    benches_m: &[1.6, 4.0],
 };
