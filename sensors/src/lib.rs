@@ -47,6 +47,6 @@ pub use lidar::{Beam, LabelledCloud, Lidar, LidarError, Motion, PointLabel};
 pub use marks::{MarkTruth, true_marks};
 pub use mcap::{McapError, write_mcap};
 pub use rig::{Rig, sample_rig};
-pub use tusimple::{MarkPixels, read_tusimple_line, tusimple_line};
 pub use truth_images::{TruthImages, instance_number, take_truth_images};
+pub use tusimple::{MarkPixels, read_tusimple_line, tusimple_line};
 pub use viewpoint::Viewpoint;
