@@ -92,7 +92,7 @@ impl<'a> FrameMaker<'a> {
             .ok_or("the scene lacks its own vehicle")
             .map_err(encoding(frame))?;
         let swept = lidar.sweep_labelled(&view, self.lidar_seed ^ frame);
-        let image = take_picture(&view, self.camera_seed ^ frame);
+        let image = take_picture(&view, &rig.camera, self.camera_seed ^ frame);
         let truth = truth_boxes(&view, &swept);
         let marks = true_marks(&view);
         let mut files = vec![FrameFile {

@@ -17,7 +17,7 @@ use super::{
     site::Site,
     traffic::{DrivenLane, Slot, add, draw_slots, normal},
 };
-use crate::{MarkStyle, RoadMarkings, SceneVehicle};
+use crate::{MarkStyle, RoadMarkings, SceneVehicle, VehicleModel};
 
 const GRADE_MAX: f64 = 0.10;
 const PARKED_M: [f64; 2] = [-45.0, 80.0];
