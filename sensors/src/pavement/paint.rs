@@ -54,12 +54,12 @@ impl Paint {
                 None => (MarkStyle::Dashed, PaintColor::White),
             };
             let fresh = match color {
-                PaintColor::White => Vector3::new(0.80, 0.80, 0.77),
+                PaintColor::White => Vector3::new(0.88, 0.88, 0.86),
                 PaintColor::Yellow => {
                     Vector3::new(0.86, 0.42, 0.02).lerp(&Vector3::new(0.80, 0.58, 0.12), draw(6))
                 }
             };
-            let dirt = 0.12 + 0.35 * wear;
+            let dirt = 0.04 + 0.35 * wear;
             Mark {
                 style,
                 color: fresh.lerp(&Vector3::new(0.33, 0.31, 0.28), dirt),

@@ -38,13 +38,17 @@ impl Surface {
         let damage = damage.clamp(0.0, 1.0) as f32;
         let albedo = albedo.clamp(0.02, 1.0) as f32;
         let concrete = draw(0) < 0.25;
-        let tint = 0.10 * (draw(1) - 0.45);
+        let tint = 0.11 * (draw(1) - 0.6);
         let (grey, slab_m) = if concrete {
             (0.18 + 0.35 * albedo, Some(4.0 + 2.0 * f64::from(draw(2))))
         } else {
             (0.45 * albedo, None)
         };
-        let warmth = if concrete { 0.05 + tint.abs() } else { tint };
+        let warmth = if concrete {
+            0.04 + 0.12 * draw(5)
+        } else {
+            tint
+        };
         Self {
             color: Vector3::new(1.0 + warmth, 1.0, 1.0 - 1.3 * warmth) * grey,
             slab_m,
