@@ -19,7 +19,7 @@ pub(super) fn draw(rng: &mut impl Rng, ahead_rad: f64) -> SceneLook {
     } else {
         0.0
     };
-    let overcast = wetness > 0.0 || rng.random_bool(0.3);
+    let overcast = wetness > 0.0 || rng.random_bool(0.2);
     let haze: f64 = rng.random_range(0.0..1.0);
     SceneLook {
         sun_direction: Vector3::new(
@@ -30,11 +30,11 @@ pub(super) fn draw(rng: &mut impl Rng, ahead_rad: f64) -> SceneLook {
         direct_light: if overcast {
             rng.random_range(0.0..0.2)
         } else {
-            rng.random_range(0.3..1.0)
+            rng.random_range(0.5..1.0)
         },
         paint_wear: rng.random_range(0.0..0.8),
         asphalt_albedo: rng.random_range(0.12..0.5),
-        haze_per_m: 0.008 * haze * haze,
+        haze_per_m: 0.005 * haze.powi(3),
         wetness,
         damage: rng.random_range(0.0_f64..1.0).powi(2),
         texture_seed: rng.random(),
