@@ -111,31 +111,32 @@ impl<'a> GroundView<'a> {
             *cell.pixel(tile, 0, 0) = self.exact(u, v, hint_m);
             return;
         }
-        let at = |column: usize, row: usize| self.node(u + column as f64, v + row as f64, hint_m);
+        let at = |column: f64, row: f64| self.node(u + column, v + row, hint_m);
         let [a, b, c, d] = cell.corners;
-        // Of a single row only the upper edge is drawn.
+        // Of a single row only the upper edge is drawn, but a crest below it would blur it.
         let (x, y) = (width / 2, height / 2);
         let drawn = if height == 1 {
             &cell.corners[..2]
         } else {
             &cell.corners[..]
         };
-        let middle = at(x, y);
+        let (across, down) = (width as f64, height as f64);
+        let middle = at(0.5 * across, 0.5 * down);
         match (Sheet::new(cell), middle) {
             (_, None) if drawn.iter().all(Option::is_none) => {}
             (Some(sheet), Some(middle))
-                if sheet.meets(x as f64, y as f64, &middle, self.pixel_angle) =>
+                if sheet.meets(0.5 * across, 0.5 * down, &middle, self.pixel_angle) =>
             {
                 sheet.draw(cell, &self.rays, tile);
             }
             _ if height > 1 => {
-                let (left, right) = (at(0, y), at(width, y));
+                let (left, right) = (at(0.0, 0.5 * down), at(across, 0.5 * down));
                 for (row, corners) in [(0, [a, b, left, right]), (y, [left, right, c, d])] {
                     self.fill(&cell.part(0, row, [width, y], corners), tile);
                 }
             }
             _ => {
-                let below = at(x, 1);
+                let (middle, below) = (at(0.5 * across, 0.0), at(0.5 * across, 1.0));
                 for (column, corners) in [(0, [a, middle, c, below]), (x, [middle, b, below, d])] {
                     self.fill(&cell.part(column, 0, [x, 1], corners), tile);
                 }
