@@ -13,6 +13,8 @@ const HORIZON_M: f64 = 3000.0;
 const TOLERANCE_PX: f64 = 0.2;
 /// Over a cell longer than this no guess leads to all its Frenet coordinates.
 const HINT_REACH_M: f64 = 60.0;
+/// Over a row whose lower edge is nearer by this a crest is looked for.
+const CREST_RATIO: f64 = 1.2;
 /// Distance over which the slope of the ground is taken.
 const SLOPE_OVER_M: f64 = 0.05;
 
@@ -111,31 +113,37 @@ impl<'a> GroundView<'a> {
             *cell.pixel(tile, 0, 0) = self.exact(u, v, hint_m);
             return;
         }
-        let at = |column: usize, row: usize| self.node(u + column as f64, v + row as f64, hint_m);
+        let at = |column: f64, row: f64| self.node(u + column, v + row, hint_m);
         let [a, b, c, d] = cell.corners;
-        // Of a single row only the upper edge is drawn.
+        // Of a single row only the upper edge is drawn, but a crest below it would blur it.
         let (x, y) = (width / 2, height / 2);
         let drawn = if height == 1 {
             &cell.corners[..2]
         } else {
             &cell.corners[..]
         };
-        let middle = at(x, y);
+        let (across, down) = (width as f64, height as f64);
+        let row = if height > 1 || cell.may_hold_crest() {
+            0.5 * down
+        } else {
+            0.0
+        };
+        let middle = at(0.5 * across, row);
         match (Sheet::new(cell), middle) {
             (_, None) if drawn.iter().all(Option::is_none) => {}
             (Some(sheet), Some(middle))
-                if sheet.meets(x as f64, y as f64, &middle, self.pixel_angle) =>
+                if sheet.meets(0.5 * across, row, &middle, self.pixel_angle) =>
             {
                 sheet.draw(cell, &self.rays, tile);
             }
             _ if height > 1 => {
-                let (left, right) = (at(0, y), at(width, y));
+                let (left, right) = (at(0.0, 0.5 * down), at(across, 0.5 * down));
                 for (row, corners) in [(0, [a, b, left, right]), (y, [left, right, c, d])] {
                     self.fill(&cell.part(0, row, [width, y], corners), tile);
                 }
             }
             _ => {
-                let below = at(x, 1);
+                let (middle, below) = (at(0.5 * across, 0.0), at(0.5 * across, 1.0));
                 for (column, corners) in [(0, [a, middle, c, below]), (x, [middle, b, below, d])] {
                     self.fill(&cell.part(column, 0, [x, 1], corners), tile);
                 }
@@ -215,6 +223,18 @@ impl Cell {
         row: usize,
     ) -> &'t mut Option<Ground> {
         &mut tile[self.v % TILE_PX[1] + row][self.u % TILE_PX[0] + column]
+    }
+
+    /// Whether the ground comes nearer from the upper to the lower edge as over a crest.
+    fn may_hold_crest(&self) -> bool {
+        let nearer = |from: Option<Node>, to: Option<Node>| {
+            let (Some(from), Some(to)) = (from, to) else {
+                return false;
+            };
+            to.nearness > CREST_RATIO * from.nearness
+        };
+        let [a, b, c, d] = self.corners;
+        nearer(a, c) || nearer(b, d)
     }
 
     /// Where about along the road the cell lies, unless it is too long to say or the nearest point
