@@ -115,7 +115,7 @@ def road(
     picture = Image.fromarray(image)
     if rng.random() < 0.8:
         picture, marks = look_from_elsewhere(picture, marks, rng)
-    if rng.random() < 0.2:
+    if rng.random() < 0.15:
         picture, marks = add_bonnet(picture, marks, rng)
     inside = (marks >= 0) & (marks < lanes.IMAGE_WIDTH_PX)
     marks = np.where(inside, marks, np.nan).astype(np.float32)
@@ -133,7 +133,7 @@ def look_from_elsewhere(
     zoom = math.exp(rng.triangular(math.log(0.8), 0, math.log(1.9)))
     height = zoom * math.exp(rng.uniform(-0.3, 0.2))
     shear, roll = rng.uniform(-0.35, 0.35), rng.normal(0, 0.015)
-    across, down = rng.normal(0, 40), rng.normal(0, 15) if rng.random() < 0.7 else rng.uniform(-90, 40)
+    across, down = rng.normal(0, 40), rng.normal(0, 15) if rng.random() < 0.8 else rng.uniform(-90, 40)
     forward = np.array(((zoom, shear * height), (0, height))) @ ((1, -roll), (roll, 1))
     target = HORIZON + (across, down)
 
