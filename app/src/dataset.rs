@@ -1,7 +1,7 @@
 use std::{ops::ControlFlow, sync::atomic::Ordering};
 
 use anyhow::{Context, bail};
-use covista_sensors::{DatasetSpec, stop_flag, write_dataset};
+use covista_sensors::{DatasetSpec, lidar_of, stop_flag, write_dataset};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::{
@@ -14,12 +14,15 @@ pub fn run(args: &DatasetArgs) -> anyhow::Result<()> {
     if args.frames == 0 {
         bail!("--frames 0 makes no dataset; give at least 1");
     }
+    let lidar = lidar_of(&args.lidar)?;
     prepare_folder(&args.out)?;
     let spec = DatasetSpec {
         start: args.start,
         seed: args.seed,
         split: args.split,
         formats: args.format.iter().copied().collect(),
+        truth: args.truth.iter().copied().collect(),
+        lidar,
         ..DatasetSpec::new(args.out.clone(), args.frames)
     };
     let stop = stop_flag().context("cannot listen for Ctrl-C")?;

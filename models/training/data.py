@@ -4,6 +4,7 @@
     lanes/000000.json, written last: a frame that has it is complete
 
 A sample is a function of the folder, the frame and a seed, so that training repeats itself.
+Types that no class trains on (pedestrians, DontCare) are passed over.
 Decoded images and the boxes' point counts are kept in `cache/`.
 """
 
@@ -20,6 +21,7 @@ from PIL import Image
 from torch import Tensor
 from torch.utils.data import Dataset, Sampler
 
+import augment
 import lanes
 import pointpillars as pp
 
@@ -70,32 +72,40 @@ def read_points(root: Path, frame: str) -> np.ndarray:
     return np.fromfile(root / "velodyne" / f"{frame}.bin", np.float32).reshape(-1, 4)
 
 
+def read_calibration(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """The transform from LIDAR to rectified camera [4, 4], and the projection P2 [3, 4]."""
+    calib = {}
+    for line in path.read_text().splitlines():
+        name, _, values = line.partition(":")
+        calib[name] = np.array(values.split(), float)
+    camera_from_lidar, rectify = np.eye(4), np.eye(4)
+    camera_from_lidar[:3] = calib["Tr_velo_to_cam"].reshape(3, 4)
+    rectify[:3, :3] = calib["R0_rect"].reshape(3, 3)
+    return rectify @ camera_from_lidar, calib["P2"].reshape(3, 4)
+
+
+def to_lidar(words: list[str], camera_from_lidar: np.ndarray) -> np.ndarray:
+    """The box [7] in the LIDAR frame of a line of label_2: x, y, z, l, w, h, yaw."""
+    lidar_from_camera = np.linalg.inv(camera_from_lidar)
+    height, width, length, x, y, z, rotation_y = (float(v) for v in words[8:15])
+    center = lidar_from_camera @ (x, y - height / 2, z, 1)
+    heading = lidar_from_camera[:3, :3] @ (math.cos(rotation_y), 0, -math.sin(rotation_y))
+    yaw = math.atan2(heading[1], heading[0])
+    return np.array((*center[:3], length, width, height, yaw))
+
+
 def read_objects(root: Path, frame: str) -> np.ndarray:
     """The boxes [M, 9] in the LIDAR frame: x, y, z, l, w, h, yaw, class, LIDAR points inside."""
 
     def make() -> np.ndarray:
-        calib = {}
-        for line in (root / "calib" / f"{frame}.txt").read_text().splitlines():
-            name, _, values = line.partition(":")
-            calib[name] = np.array(values.split(), float)
-        camera_from_lidar = np.eye(4)
-        camera_from_lidar[:3] = calib["Tr_velo_to_cam"].reshape(3, 4)
-        rectify = np.eye(4)
-        rectify[:3, :3] = calib["R0_rect"].reshape(3, 3)
-        lidar_from_camera = np.linalg.inv(rectify @ camera_from_lidar)
+        camera_from_lidar, _ = read_calibration(root / "calib" / f"{frame}.txt")
         points = read_points(root, frame)
         objects = []
         for line in (root / "label_2" / f"{frame}.txt").read_text().splitlines():
-            kind, *rest = line.split()
-            if kind not in CLASS_OF_TYPE:
-                continue
-            height, width, length, x, y, z, rotation_y = (float(v) for v in rest[7:14])
-            center = lidar_from_camera @ (x, y - height / 2, z, 1)
-            heading = lidar_from_camera[:3, :3] @ (math.cos(rotation_y), 0, -math.sin(rotation_y))
-            yaw = math.atan2(heading[1], heading[0])
-            box = (*center[:3], length, width, height, yaw)
-            inside = count_inside(points, np.array(box))
-            objects.append((*box, CLASS_OF_TYPE[kind], inside))
+            words = line.split()
+            if words[0] in CLASS_OF_TYPE:
+                box = to_lidar(words, camera_from_lidar)
+                objects.append((*box, CLASS_OF_TYPE[words[0]], count_inside(points, box)))
         return np.array(objects, np.float32).reshape(-1, 9)
 
     return cached(root / "cache" / f"{frame}.objects.npy", make)
@@ -103,7 +113,7 @@ def read_objects(root: Path, frame: str) -> np.ndarray:
 
 def count_inside(points: np.ndarray, box: np.ndarray, margin_m: float = 0.1) -> int:
     """Points in the box grown by the margin, without the ground below it."""
-    near = points[np.abs(points[:, :2] - box[:2]).max(1) < box[3:5].max()]
+    near = points[(np.abs(points[:, 0] - box[0]) < box[3]) & (np.abs(points[:, 1] - box[1]) < box[3])]
     c, s = math.cos(box[6]), math.sin(box[6])
     offset = near[:, :3] - box[:3]
     local = np.stack((offset @ (c, s, 0), offset @ (-s, c, 0), offset[:, 2]), 1)
@@ -114,8 +124,8 @@ def count_inside(points: np.ndarray, box: np.ndarray, margin_m: float = 0.1) -> 
 class LaneDataset(Dataset):
     """Images and marks; augmented when training."""
 
-    def __init__(self, root: Path, augment: bool) -> None:
-        self.root, self.augment = root, augment
+    def __init__(self, root: Path, augmented: bool) -> None:
+        self.root, self.augmented = root, augmented
         self.frames = complete_frames(root)
         self.marks = [read_marks(root, frame) for frame in self.frames]
 
@@ -125,8 +135,8 @@ class LaneDataset(Dataset):
     def __getitem__(self, item: tuple[int, int]) -> Sample:
         index, seed = item
         image, marks = read_image(self.root, self.frames[index]), self.marks[index]
-        if self.augment:
-            image, marks = augment_lanes(image, marks, np.random.default_rng(seed))
+        if self.augmented:
+            image, marks = augment.road(image, marks, np.random.default_rng(seed))
         return {
             "image": image,
             "marks": marks,
@@ -138,53 +148,11 @@ class LaneDataset(Dataset):
         return {k: torch.from_numpy(np.stack([s[k] for s in samples])) for k in samples[0]}
 
 
-def augment_lanes(
-    image: np.ndarray, marks: np.ndarray, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """Mirror, small rotation, scale and shift, then brightness, contrast and colour."""
-    height, width = lanes.INPUT_HEIGHT_PX, lanes.INPUT_WIDTH_PX
-    sx, sy = width / lanes.IMAGE_WIDTH_PX, height / lanes.IMAGE_HEIGHT_PX
-    if rng.random() < 0.5:
-        image = image[:, ::-1]
-        marks = lanes.IMAGE_WIDTH_PX - 1 - marks[:, ::-1]
-    if rng.random() < 0.7:
-        angle, scale = rng.uniform(-0.05, 0.05), rng.uniform(0.92, 1.1)
-        shift = np.array((rng.uniform(-60, 60), rng.uniform(-12, 12)))
-        c, s = scale * math.cos(angle), scale * math.sin(angle)
-        forward = np.array(((c, -s), (s, c)))
-        center = np.array((width / 2, height / 2))
-        inverse = np.linalg.inv(forward)
-        offset = center - inverse @ (center + shift)
-        affine = (*inverse[0], offset[0], *inverse[1], offset[1])
-        image = np.asarray(
-            Image.fromarray(np.ascontiguousarray(image)).transform(
-                (width, height), Image.Transform.AFFINE, affine, Image.Resampling.BILINEAR
-            )
-        )
-        moved = np.full_like(marks, np.nan)
-        for m in range(lanes.MARKS):
-            seen = np.isfinite(marks[:, m])
-            if seen.sum() < 2:
-                continue
-            points = np.stack((marks[seen, m] * sx, lanes.ROW_ANCHORS_PX[seen] * sy), 1)
-            u, v = ((points - center) @ forward.T + center + shift).T / ((sx,), (sy,))
-            if (np.diff(v) > 0).all():
-                moved[:, m] = np.interp(lanes.ROW_ANCHORS_PX, v, u, np.nan, np.nan)
-        marks = moved
-    inside = (marks >= 0) & (marks < lanes.IMAGE_WIDTH_PX)
-    marks = np.where(inside, marks, np.nan).astype(np.float32)
-    levels = (np.arange(256) - 128) * rng.uniform(0.75, 1.25) + 128
-    gains = rng.uniform(0.6, 1.4) * rng.uniform(0.92, 1.08, 3)
-    table = (levels[None] * gains[:, None]).clip(0, 255).astype(np.uint8)
-    adjusted = Image.fromarray(np.ascontiguousarray(image)).point(table.reshape(-1).tolist())
-    return np.array(adjusted), marks
-
-
 class DetectorDataset(Dataset):
     """Pillars and anchor targets; augmented when training."""
 
-    def __init__(self, root: Path, augment: bool) -> None:
-        self.root, self.augment = root, augment
+    def __init__(self, root: Path, augmented: bool) -> None:
+        self.root, self.augmented = root, augmented
         self.frames = complete_frames(root)
 
     def __len__(self) -> int:
@@ -194,9 +162,11 @@ class DetectorDataset(Dataset):
         index, seed = item
         frame = self.frames[index]
         points, objects = read_points(self.root, frame), read_objects(self.root, frame)
-        if self.augment:
-            points, objects = augment_scene(points, objects, np.random.default_rng(seed))
+        if self.augmented:
+            points, objects = augment.scene(points, objects, np.random.default_rng(seed))
         objects = objects[in_range(objects)]
+        if self.augmented:  # points were lost
+            objects[:, 8] = [count_inside(points, box) for box in objects[:, :7]]
         pillars, coords = pp.voxelize(points)
         cared = objects[:, 8] >= MIN_POINTS
         targets = pp.assign_targets(objects[:, :7], objects[:, 7].astype(int), cared)
@@ -219,26 +189,6 @@ def in_range(boxes: np.ndarray) -> np.ndarray:
     """Whether the centre of each box [M, 7+] lies in the detector's range."""
     low, high = np.array(pp.RANGE_M[:2]), np.array(pp.RANGE_M[3:5])
     return ((boxes[:, :2] >= low) & (boxes[:, :2] < high)).all(1)
-
-
-def augment_scene(
-    points: np.ndarray, objects: np.ndarray, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """Mirror in the forward axis, rotation up to 45 degrees (most below 20), scaling."""
-    points, objects = points.copy(), objects.copy()
-    if rng.random() < 0.5:
-        points[:, 1] *= -1
-        objects[:, (1, 6)] *= -1
-    angle = rng.triangular(-math.pi / 4, 0, math.pi / 4)
-    c, s = math.cos(angle), math.sin(angle)
-    rotation = np.array(((c, s), (-s, c)), np.float32)
-    scale = np.float32(rng.uniform(0.95, 1.05))
-    points[:, :2] = points[:, :2] @ rotation
-    objects[:, :2] = objects[:, :2] @ rotation
-    objects[:, 6] += angle
-    points[:, :3] *= scale
-    objects[:, :6] *= scale
-    return points, objects
 
 
 class Batches(Sampler[list[tuple[int, int]]]):

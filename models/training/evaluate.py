@@ -10,7 +10,8 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from dataclasses import dataclass
+import tomllib
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,16 @@ def open_model(path: Path, threads: int = 1) -> onnxruntime.InferenceSession:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
     return onnxruntime.InferenceSession(path, options, ["CPUExecutionProvider"])
+
+
+def anchors_of(model: Path) -> np.ndarray:
+    """The anchors [K, 7] of a detector: its card's, or today's where it has no card yet."""
+    anchors, card = pp.ANCHORS, model.with_suffix(".toml")
+    if card.exists():
+        entries = tomllib.loads(card.read_text())["anchors"]
+        sizes = [(tuple(entry["size_m"]), entry["center_z_m"]) for entry in entries]
+        anchors = tuple(replace(a, size_m=size, center_z_m=z) for a, (size, z) in zip(anchors, sizes))
+    return pp.anchor_boxes(anchors).reshape(-1, 7)
 
 
 def evaluate_lanes(root: Path, model: Path, limit: int) -> dict[str, float]:
@@ -158,7 +169,7 @@ def average_precision(frames: list[Frame], cls: int, iou: float) -> float:
 
 def evaluate_pointpillars(root: Path, model: Path, limit: int) -> dict[str, float]:
     """AP by class and IoU; at the card's score threshold recall, precision and errors by distance."""
-    session, anchors = open_model(model), pp.anchor_boxes().reshape(-1, 7)
+    session, anchors = open_model(model), anchors_of(model)
     frames = []
     for name in tqdm(complete_frames(root)[:limit], desc="pointpillars", mininterval=5):
         frame = detect(session, read_points(root, name), anchors)

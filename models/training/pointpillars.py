@@ -6,6 +6,7 @@ Everything is in the LIDAR frame (x forward, y left, z up). A box is
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -35,7 +36,7 @@ class AnchorClass:
 
 
 ANCHORS = (
-    AnchorClass((4.6, 1.85, 1.55), -0.95, 0.60, 0.45),
+    AnchorClass((4.1, 1.7, 1.55), -0.95, 0.55, 0.40),
     AnchorClass((6.5, 2.2, 2.6), -0.45, 0.55, 0.40),
 )
 ANCHOR_YAWS = (0.0, math.pi / 2)
@@ -159,13 +160,14 @@ def cell_centers() -> tuple[np.ndarray, np.ndarray]:
     )
 
 
-def anchor_boxes() -> np.ndarray:
+@functools.cache
+def anchor_boxes(anchors: tuple[AnchorClass, ...] = ANCHORS) -> np.ndarray:
     """The anchors as boxes [80, 432, 4, 7]: car at 0 and pi/2, truck at 0 and pi/2."""
     x, y = cell_centers()
     boxes = np.zeros((MAP_NY, MAP_NX, PER_CELL, 7), np.float32)
     boxes[..., 0], boxes[..., 1] = x[None, :, None], y[:, None, None]
     for a in range(PER_CELL):
-        anchor = ANCHORS[a // len(ANCHOR_YAWS)]
+        anchor = anchors[a // len(ANCHOR_YAWS)]
         boxes[:, :, a, 2:] = (anchor.center_z_m, *anchor.size_m, ANCHOR_YAWS[a % len(ANCHOR_YAWS)])
     return boxes
 

@@ -129,7 +129,9 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--no-augment", action="store_true")
-    parser.add_argument("--resume", action="store_true")
+    start = parser.add_mutually_exclusive_group()
+    start.add_argument("--resume", action="store_true", help="go on with the run in --out")
+    start.add_argument("--from-weights", type=Path, help="begin a new run with a checkpoint's weights")
     args = parser.parse_args()
 
     torch.set_num_threads(args.threads)
@@ -137,6 +139,8 @@ def main() -> None:
     task = TASKS[args.task]
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     model = task.network().to(device, memory_format=torch.channels_last).train()
+    if args.from_weights:
+        model.load_state_dict(torch.load(args.from_weights, map_location=device)["average"])
     average = copy.deepcopy(model)
     peak = args.learning_rate or task.learning_rate
     optimizer = torch.optim.AdamW(model.parameters(), peak, weight_decay=0.01)
@@ -149,12 +153,12 @@ def main() -> None:
         optimizer.load_state_dict(state["optimizer"])
         step, trained_s, curves = state["step"], state["trained_s"], state["curves"]
 
-    dataset = task.dataset(args.data, augment=not args.no_augment)
+    dataset = task.dataset(args.data, augmented=not args.no_augment)
     batches = Batches(len(dataset), args.batch or task.batch, args.seed, step)
     loader = DataLoader(dataset, batch_sampler=batches, collate_fn=dataset.collate, num_workers=args.workers)
     held_out = None
     if args.val:
-        split = task.dataset(args.val, augment=False)
+        split = task.dataset(args.val, augmented=False)
         items = [[(i, 0)] for i in range(0, len(split), max(len(split) // args.val_frames, 1))]
         held_out = DataLoader(split, batch_sampler=items, collate_fn=split.collate)
 

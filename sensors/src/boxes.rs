@@ -1,11 +1,11 @@
 //! What is truly there, in the LIDAR frame, and how much of it can be seen.
 
 use covista_traffic::{Scene, SceneVehicle, VehicleId, VehicleModel};
-use covista_world::{Detection3d, PointCloud, VehicleDimensions};
+use covista_world::{Detection3d, VehicleDimensions};
 use nalgebra::{Point3, Vector3};
 
-use crate::Viewpoint;
 use crate::caster::{ObjectRef, RayScene};
+use crate::{LabelledCloud, Viewpoint};
 
 /// A vehicle's true box, in the LIDAR frame.
 #[derive(Debug, Clone, PartialEq)]
@@ -26,25 +26,17 @@ pub struct TruthBox {
     pub visibility: f64,
 }
 
-/// Range noise carries points this far out of the box; this close to the ground they are the
-/// ground's.
-const POINT_MARGIN_M: f64 = 0.05;
-const GROUND_MARGIN_M: f64 = 0.1;
-
 /// Half-extents of the detector's range in the LIDAR frame, in metres.
 const DETECTOR_RANGE_M: [f64; 2] = [69.12, 12.8];
 
-/// The boxes of all other vehicles, with the points of `cloud` (LIDAR frame) on each.
-pub fn truth_boxes(view: &Viewpoint, cloud: &PointCloud) -> Vec<TruthBox> {
+/// The boxes of all other vehicles, with the points of the sweep on each.
+pub fn truth_boxes(view: &Viewpoint, swept: &LabelledCloud) -> Vec<TruthBox> {
     let eye = view.lidar_position();
+    let counts = swept.vehicle_points();
     let boxes = view.others().map(|vehicle| {
         let mut found = true_box(view, vehicle);
         found.visibility = visible_share(view.scene, view.rays, vehicle, eye, view.ego.id);
-        found.lidar_points = cloud
-            .points
-            .iter()
-            .filter(|point| found.holds(point))
-            .count();
+        found.lidar_points = counts.get(&vehicle.id).copied().unwrap_or(0);
         found
     });
     boxes.collect()
@@ -152,17 +144,6 @@ fn true_box(view: &Viewpoint, vehicle: &SceneVehicle) -> TruthBox {
 }
 
 impl TruthBox {
-    /// Whether a LIDAR point lies on the body.
-    fn holds(&self, &[x, y, z, _]: &[f32; 4]) -> bool {
-        let gap = Vector3::new(f64::from(x), f64::from(y), f64::from(z)) - self.center_m;
-        let (sin, cos) = self.yaw_rad.sin_cos();
-        let half = self.size_m / 2.0;
-        (cos * gap.x + sin * gap.y).abs() <= half.x + POINT_MARGIN_M
-            && (cos * gap.y - sin * gap.x).abs() <= half.y + POINT_MARGIN_M
-            && gap.z >= GROUND_MARGIN_M - half.z
-            && gap.z <= half.z + POINT_MARGIN_M
-    }
-
     /// The eight corners in the LIDAR frame: the lower four, then the upper four above them.
     pub fn corners_m(&self) -> [Point3<f64>; 8] {
         let (sin, cos) = self.yaw_rad.sin_cos();
@@ -210,7 +191,7 @@ mod tests {
     #[test]
     fn a_box_is_the_body_in_the_lidar_frame() {
         let boxes = with_view(&scene_ahead(), |view| {
-            truth_boxes(view, &Lidar::hdl64e().sweep(view, 1))
+            truth_boxes(view, &Lidar::hdl64e().sweep_labelled(view, 1))
         });
         let [truth] = boxes.as_slice() else {
             panic!("one box: {boxes:?}")
@@ -225,27 +206,6 @@ mod tests {
         assert!((truth.yaw_rad - 0.1).abs() < 1e-12);
         assert!((truth.visibility - 1.0).abs() < 1e-12);
         assert!(truth.lidar_points > 300, "{}", truth.lidar_points);
-    }
-
-    #[test]
-    fn points_count_inside_the_box_and_not_outside() {
-        with_view(&scene_ahead(), |view| {
-            let center = truth_boxes(view, &PointCloud::default())[0].center_m;
-            let at = |x: f64, y: f64, z: f64| {
-                let point = (center + Vector3::new(x, y, z)).cast::<f32>();
-                [point.x, point.y, point.z, 0.3]
-            };
-            let cloud = PointCloud {
-                points: vec![
-                    at(0.0, 0.0, 0.0),
-                    at(2.2, 0.3, 0.5),
-                    at(2.6, 0.3, 0.5),
-                    at(0.0, 1.1, 0.0),
-                    at(0.0, 0.0, -0.84),
-                ],
-            };
-            assert_eq!(truth_boxes(view, &cloud)[0].lidar_points, 2);
-        });
     }
 
     #[test]

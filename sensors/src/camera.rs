@@ -1,35 +1,27 @@
-use covista_traffic::{Material, Scene, SceneVehicle};
 use covista_world::CameraImage;
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
+use crate::Viewpoint;
 use crate::appearance::{Light, Rgb};
-use crate::caster::Hit;
 use crate::exposure::Radiance;
-use crate::ground::GroundRow;
-use crate::noise::{octaves, uniform};
+use crate::noise::uniform;
 use crate::pavement::Pavement;
-use crate::shadow::{Contact, on_ground, shadow_line};
+use crate::shadow::{Contact, ShadowRow, ShadowSpan, on_ground, shaded_share};
+use crate::sight::{Run, Seen, Sight};
 use crate::silhouette::Silhouette;
-use crate::viewpoint::Viewpoint;
+use crate::solids::Face;
 
-/// How far inside a crown a ray goes on that met a gap.
-const INSIDE_M: f32 = 0.02;
-const LEAVES_SEED: u32 = 0x1EAF;
-const FAR_M: f32 = 600.0;
 const SHADOW_REACH_M: f32 = 80.0;
+/// A ray to the sun starts this far before the surface.
+const CLEARANCE_M: f32 = 0.02;
+
 /// The picture that the camera of `view` takes; `seed` is that of the sensor's noise.
 pub fn take_picture(view: &Viewpoint, seed: u64) -> CameraImage {
     let picture = Picture::new(view);
-    let width = view.calibration.intrinsics.width_px as usize;
-    let height = view.calibration.intrinsics.height_px as usize;
-    let mut pixels = vec![Rgb::zeros(); width * height];
-    pixels
-        .par_chunks_mut(width.max(1))
-        .enumerate()
-        .for_each(|(row, line)| picture.render_row(row as f64, line));
+    let radiance = picture.radiance();
     let gain = gain(&picture.light, view.scene.look.texture_seed);
-    Radiance { width, pixels }.expose(gain, seed)
+    radiance.expose(gain, seed)
 }
 
 /// Exposure and white balance: set for the open road, a little off as automatics are.
@@ -47,161 +39,148 @@ fn gain(light: &Light, texture_seed: u64) -> Rgb {
 /// A scene made ready for one picture.
 struct Picture<'a> {
     view: &'a Viewpoint<'a>,
-    world_from_camera: Isometry3<f64>,
+    sight: Sight<'a>,
     light: Light,
     pavement: Pavement,
-    solids: Vec<Silhouette>,
     shadows: Vec<Silhouette>,
     contacts: Vec<(Silhouette, Contact)>,
 }
 
+/// What darkens the ground along one row.
+struct Dark<'p> {
+    shadows: ShadowRow,
+    contacts: Vec<([f64; 2], &'p Contact)>,
+}
+
 impl<'a> Picture<'a> {
     fn new(view: &'a Viewpoint<'a>) -> Self {
-        let scene = view.scene;
-        let world_from_camera = view.world_from_camera();
-        let camera_from_world = world_from_camera.inverse();
+        let Viewpoint { scene, rays, .. } = *view;
+        let camera_from_world = view.world_from_camera().inverse();
         let silhouette = |points: &[Point3<f64>]| {
             let seen: Vec<_> = points.iter().map(|p| camera_from_world * p).collect();
             Silhouette::new(&view.calibration.intrinsics, &seen)
         };
-        let others = view.others().flat_map(|other| vehicle_parts(scene, other));
-        let own = vehicle_parts(scene, view.ego);
-        let still = scene.scenery.iter().flat_map(|body| &body.parts);
-        let still = still.map(|part| part.vertices.clone());
-        let parts: Vec<_> = others.chain(still).collect();
         let sun = &scene.look.sun_direction;
         let casts = scene.look.direct_light > 0.01 && sun.z > 0.0;
-        let shadows = own
-            .chain(parts.iter().cloned())
+        let shadows = rays
+            .solids()
             .filter(|_| casts)
-            .filter_map(|part| silhouette(&on_ground(&part, sun)));
-        let contacts = scene.vehicles.iter().map(Contact::new);
+            .filter_map(|solid| silhouette(&on_ground(&scene.terrain, solid.vertices, sun)));
+        let contacts = scene
+            .vehicles
+            .iter()
+            .map(Contact::new)
+            .filter_map(|contact| Some((silhouette(&contact.corners(&scene.terrain))?, contact)));
         Self {
             view,
-            world_from_camera,
+            sight: Sight::new(view),
             light: Light::new(&scene.look),
-            pavement: Pavement::new(&scene.road, &scene.look),
+            pavement: Pavement::new(scene),
             shadows: shadows.collect(),
-            solids: parts.iter().filter_map(|part| silhouette(part)).collect(),
-            contacts: contacts
-                .filter_map(|contact| Some((silhouette(&contact.corners())?, contact)))
-                .collect(),
+            contacts: contacts.collect(),
         }
     }
 
-    fn render_row(&self, v: f64, line: &mut [Rgb]) {
+    fn radiance(&self) -> Radiance {
         let intrinsics = &self.view.calibration.intrinsics;
-        let road = &self.view.scene.road;
-        let eye = Point3::from(self.world_from_camera.translation.vector).cast::<f32>();
-        let solid = self.solid_pixels(v, line.len());
-        let shadow = shadow_line(&self.shadows, v, line.len());
-        let contacts: Vec<_> = self
-            .contacts
+        let width = intrinsics.width_px as usize;
+        let mut pixels = vec![Rgb::zeros(); width * intrinsics.height_px as usize];
+        pixels
+            .par_chunks_mut((width * Sight::BAND_ROWS).max(1))
+            .enumerate()
+            .for_each(|(band, pixels)| self.paint_band(band, pixels));
+        Radiance { width, pixels }
+    }
+
+    fn paint_band(&self, band: usize, pixels: &mut [Rgb]) {
+        let width = self.view.calibration.intrinsics.width_px as usize;
+        let first_row = band * Sight::BAND_ROWS;
+        let last_row = first_row + pixels.len() / width - 1;
+        let shadows: Vec<_> = self
+            .shadows
             .iter()
-            .filter_map(|(outline, contact)| Some((outline.span_within(v, 0.5)?, contact)))
+            .filter(|shadow| shadow.reaches(first_row as f64 - 0.5, last_row as f64 + 0.5))
             .collect();
-        let ground = GroundRow::new(intrinsics, &self.world_from_camera, road, v);
-        for (column, pixel) in line.iter_mut().enumerate() {
+        let dark: Vec<_> = (first_row..=last_row)
+            .map(|row| self.dark(row as f64, &shadows))
+            .collect();
+        let mut spans = Vec::new();
+        self.sight.look(band, |run| {
+            let row = run.row - first_row;
+            let line = &mut pixels[row * width + run.column..][..run.len];
+            self.paint_run(run, &dark[row], &mut spans, line);
+        });
+    }
+
+    fn dark(&self, v: f64, shadows: &[&Silhouette]) -> Dark<'_> {
+        let contacts = self.contacts.iter().filter_map(|(outline, contact)| {
+            let (from, to) = outline.span_within(v, 0.5)?;
+            Some(([from, to], contact))
+        });
+        Dark {
+            shadows: ShadowRow::new(shadows, v),
+            contacts: contacts.collect(),
+        }
+    }
+
+    fn paint_run(&self, run: &Run, dark: &Dark, spans: &mut Vec<ShadowSpan>, line: &mut [Rgb]) {
+        dark.shadows.among(run.column, run.column + run.len, spans);
+        for (column, (pixel, seen)) in (run.column..).zip(line.iter_mut().zip(&run.seen)) {
             let u = column as f64;
-            let ray = self.world_from_camera.rotation * intrinsics.ray(u, v).normalize();
-            let to_ground_m = ground.distance_m(&ray).map(|distance| distance as f32);
-            let ray = ray.cast::<f32>();
-            let reach_m = to_ground_m.map_or(FAR_M, |distance| FAR_M.min(distance));
-            let hit = solid[column].then(|| self.first_hit(&eye, &ray, reach_m));
-            *pixel = if let Some(hit) = hit.flatten() {
-                let color = self.object(&hit, &(eye + ray * hit.distance_m), &ray);
-                self.light.through_haze(color, hit.distance_m)
-            } else if let (Some(distance_m), Some(patch)) =
-                (to_ground_m, ground.patch(u, column, road))
-            {
-                let openness = contacts
-                    .iter()
-                    .filter(|((from, to), _)| (*from..=*to).contains(&u))
-                    .map(|(_, contact)| contact.openness(patch.position))
-                    .fold(1.0, f32::min);
-                let light = self.light.on_ground(1.0 - shadow[column], openness);
-                let color = self.pavement.albedo(&patch).component_mul(&light);
-                self.light.through_haze(color, distance_m)
-            } else {
-                self.light.sky(&ray)
+            let ray = self.sight.rays.ray(u, run.row as f64).cast::<f32>();
+            let length = ray.norm();
+            let direction = ray / length;
+            *pixel = match seen {
+                Seen::Sky => self.light.sky(&direction),
+                Seen::Ground(ground) => {
+                    let depth_m = ground.depth_m as f32;
+                    let shaded = shaded_share(spans, u as f32, depth_m);
+                    let position = ground.patch.position;
+                    let openness = dark
+                        .contacts
+                        .iter()
+                        .filter(|([from, to], _)| (*from..=*to).contains(&u))
+                        .map(|(_, contact)| contact.openness(position))
+                        .fold(1.0, f32::min);
+                    let sunlit = 1.0 - shaded;
+                    let color = self.pavement.radiance(
+                        &ground.patch,
+                        &self.light,
+                        &direction,
+                        sunlit,
+                        openness,
+                    );
+                    self.light.through_haze(color, depth_m * length)
+                }
+                Seen::Solid(face, depth_m) => {
+                    let point = self.sight.rays.eye.cast::<f32>() + ray * *depth_m;
+                    let color = self.solid(face, &point, &direction, *depth_m);
+                    self.light.through_haze(color, depth_m * length)
+                }
             };
         }
     }
 
-    fn object(&self, hit: &Hit, point: &Point3<f32>, ray: &Vector3<f32>) -> Rgb {
-        let footprint_m = hit.distance_m / self.view.calibration.intrinsics.fx_px as f32;
-        let sunlit = self.sunlit(point, &hit.normal);
+    fn solid(&self, face: &Face, point: &Point3<f32>, ray: &Vector3<f32>, depth_m: f32) -> Rgb {
+        let footprint_m = depth_m / self.view.calibration.intrinsics.fx_px as f32;
+        let sunlit = self.sunlit(point, &face.normal);
         self.light
-            .surface(hit.material, point, &hit.normal, ray, sunlit, footprint_m)
-    }
-
-    /// The first surface along the ray; crowns have gaps between their leaves.
-    fn first_hit(&self, eye: &Point3<f32>, direction: &Vector3<f32>, reach_m: f32) -> Option<Hit> {
-        let Viewpoint { rays, ego, .. } = *self.view;
-        let hit = rays.cast(eye, direction, reach_m, Some(ego.id))?;
-        let point = eye + direction * hit.distance_m;
-        if hit.material != Material::Foliage || !is_leaf_gap(&point, &hit.normal, direction) {
-            return Some(hit);
-        }
-        // A ray that starts inside a part looks through it.
-        let passed_m = hit.distance_m + INSIDE_M;
-        let inside = eye + direction * passed_m;
-        let behind = rays.cast(&inside, direction, reach_m - passed_m, Some(ego.id))?;
-        Some(Hit {
-            distance_m: behind.distance_m + passed_m,
-            ..behind
-        })
-    }
-
-    /// Which pixels of the row may show a vehicle or scenery.
-    fn solid_pixels(&self, v: f64, width: usize) -> Vec<bool> {
-        let mut solid = vec![false; width];
-        for (from, to) in self
-            .solids
-            .iter()
-            .filter_map(|hull| hull.span_within(v, 0.5))
-        {
-            let (first, end) = (from.max(0.0) as usize, (to + 1.0).max(0.0) as usize);
-            let end = end.min(width);
-            if let Some(run) = solid.get_mut(first.min(end)..end) {
-                run.fill(true);
-            }
-        }
-        solid
+            .surface(face.material, point, &face.normal, ray, sunlit, footprint_m)
     }
 
     fn sunlit(&self, point: &Point3<f32>, normal: &Vector3<f32>) -> f32 {
         let sun = &self.light.sun_direction;
+        let outside = point + normal * CLEARANCE_M;
         let lit = self.light.sun.x > 0.01
             && normal.dot(sun) > 0.0
-            && !self
-                .view
-                .rays
-                .occluded(&(point + normal * 0.02), sun, SHADOW_REACH_M, None);
+            && !self.view.rays.occluded(&outside, sun, SHADOW_REACH_M, None);
         if lit { 1.0 } else { 0.0 }
     }
 }
 
-/// Whether one looks between the leaves here, as one does most at the rim of a crown.
-fn is_leaf_gap(point: &Point3<f32>, normal: &Vector3<f32>, direction: &Vector3<f32>) -> bool {
-    let p = point.cast::<f64>();
-    let bands = [(0.9, 0.5), (0.35, 0.4), (0.12, 0.3)];
-    let thickness = octaves(LEAVES_SEED, p.x + 0.7 * p.y, p.z - 0.4 * p.y, 0.01, &bands);
-    thickness > 0.9 * normal.dot(direction).abs() - 0.15
-}
-
-/// The convex parts of a vehicle in the world frame.
-fn vehicle_parts(scene: &Scene, vehicle: &SceneVehicle) -> impl Iterator<Item = Vec<Point3<f64>>> {
-    let pose = scene.placed(vehicle);
-    let in_world =
-        move |p: &Point3<f64>| pose * Point3::from(p.coords.component_mul(&vehicle.scale));
-    let parts = vehicle.model.body().parts.iter();
-    parts.map(move |part| part.vertices.iter().map(in_world).collect())
-}
-
 #[cfg(test)]
 mod tests {
-    use covista_traffic::{VehicleId, VehicleModel, sample_scene};
+    use covista_traffic::{Scene, VehicleId, VehicleModel, sample_scene};
     use covista_world::{Calibration, ROW_ANCHORS, Se2Pose};
 
     use super::*;
@@ -215,9 +194,8 @@ mod tests {
 
     fn radiance(scene: &Scene, ego: VehicleId, row: f64) -> Vec<Rgb> {
         with_view(scene, ego, |view| {
-            let mut line = vec![Rgb::zeros(); 1242];
-            Picture::new(view).render_row(row, &mut line);
-            line
+            let picture = Picture::new(view).radiance();
+            picture.pixels[row as usize * 1242..][..1242].to_vec()
         })
     }
 

@@ -1,16 +1,20 @@
 //! Rays against the truth: vehicles and scenery as convex hulls under one bounding-volume
-//! hierarchy. The ground is the plane z = 0 and is found by [`ground_hit`].
+//! hierarchy, and the ground.
 
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
-use covista_traffic::{Material, Scene, SceneVehicle, VehicleId, VehicleModel};
+use covista_traffic::{Material, Scene, SceneVehicle, Terrain, VehicleId, VehicleModel};
 use nalgebra::{Point3, Vector3};
-use parry3d::bounding_volume::Aabb;
-use parry3d::math::Vector;
-use parry3d::partitioning::{Bvh, BvhBuildStrategy, TraversalAction};
-use parry3d::query::{Ray, RayCast};
 
+use crate::bvh::{Bounds, Bvh};
+use crate::fan::Fan;
 use crate::hull::Hull;
+use crate::part::{Entry, Face, Part};
+
+/// By how much the bounds of a part reach beyond it, against rounding.
+const MARGIN_M: f32 = 1e-3;
+/// The same per metre from the world's origin.
+const ROUNDING: f32 = 1e-6;
 
 /// What a ray hit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -34,69 +38,114 @@ pub struct Hit {
     pub object: ObjectRef,
 }
 
-/// A convex part in the world frame: a run of the scene's half-spaces.
+/// What a ray of a fan meets.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sighting {
+    /// Distance to the ground, whatever stands before it.
+    pub ground_m: Option<f32>,
+    /// The first surface before the ground.
+    pub hit: Option<Hit>,
+}
+
+/// A convex part in the world frame with its outline.
 #[derive(Debug, Clone, Copy)]
-struct Part {
-    first_face: u32,
-    end_face: u32,
-    material: Material,
-    object: ObjectRef,
+pub(crate) struct Solid<'a> {
+    pub(crate) part: &'a Part,
+    pub(crate) faces: &'a [Face],
+    pub(crate) vertices: &'a [Point3<f32>],
 }
 
 /// A scene made ready for ray casting, in the world frame.
 #[derive(Debug, Clone)]
 pub struct RayScene {
+    terrain: Arc<Terrain>,
     parts: Vec<Part>,
-    /// Half-spaces n . p <= offset: n and the offset.
-    faces: Vec<[f32; 4]>,
+    faces: Vec<Face>,
+    /// The vertices of each part.
+    vertices: Vec<Box<[Point3<f32>]>>,
     bvh: Bvh,
-}
-
-/// Distance along the ray to the ground plane z = 0, where it lies ahead within `max_m`.
-pub fn ground_hit(origin: &Point3<f32>, direction: &Vector3<f32>, max_m: f32) -> Option<f32> {
-    let distance_m = -origin.z / direction.z;
-    (direction.z < 0.0 && distance_m > 0.0 && distance_m <= max_m).then_some(distance_m)
+    half_turn_s: f32,
 }
 
 impl RayScene {
-    /// Prepares the vehicles and the scenery of `scene`.
+    /// Prepares the vehicles and the scenery of `scene`, frozen at its time.
     pub fn new(scene: &Scene) -> Self {
-        let vehicles = scene.vehicles.iter().flat_map(|vehicle| {
-            let pose = scene.placed(vehicle);
-            model_hulls(vehicle.model).iter().map(move |hull| {
-                let mut hull = hull.scaled(&vehicle.scale).transformed(&pose);
-                hull.material = painted(hull.material, vehicle);
-                (ObjectRef::Vehicle(vehicle.id), hull)
-            })
-        });
-        let scenery = scene.scenery.iter().enumerate().flat_map(|(index, body)| {
-            let hulls = body.parts.iter().filter_map(Hull::new);
-            hulls.map(move |hull| (ObjectRef::Scenery(index), hull))
-        });
-        Self::from_hulls(vehicles.chain(scenery))
+        Self::rolling(scene, 0.0)
     }
 
-    fn from_hulls(hulls: impl Iterator<Item = (ObjectRef, Hull)>) -> Self {
-        let (mut parts, mut faces, mut bounds) = (Vec::new(), Vec::new(), Vec::new());
-        for (object, hull) in hulls {
-            let first_face = faces.len() as u32;
-            faces.extend(hull.faces.iter().map(|face| face.to_f32()));
-            parts.push(Part {
-                first_face,
-                end_face: faces.len() as u32,
-                material: hull.material,
-                object,
-            });
-            let corners = hull.vertices.iter();
-            bounds.push(Aabb::from_points(corners.map(|vertex| {
-                Vector::new(vertex.x as f32, vertex.y as f32, vertex.z as f32)
-            })));
+    /// Prepares `scene` for rays up to `half_turn_s` seconds before and after its time, through
+    /// which the vehicles go on straight ahead at their speed.
+    pub fn rolling(scene: &Scene, half_turn_s: f64) -> Self {
+        let mut rays = Self {
+            terrain: Arc::clone(&scene.terrain),
+            parts: Vec::new(),
+            faces: Vec::new(),
+            vertices: Vec::new(),
+            bvh: Bvh::default(),
+            half_turn_s: if half_turn_s.is_finite() {
+                half_turn_s.abs() as f32
+            } else {
+                0.0
+            },
+        };
+        let mut bounds = Vec::new();
+        for vehicle in &scene.vehicles {
+            let pose = scene.placed(vehicle);
+            let velocity_mps = pose * Vector3::x() * vehicle.state.speed_mps;
+            for hull in model_hulls(vehicle.model) {
+                let hull = hull.scaled(&vehicle.scale).transformed(&pose);
+                bounds.push(rays.add(ObjectRef::Vehicle(vehicle.id), &hull, velocity_mps));
+                if let Some(part) = rays.parts.last_mut() {
+                    part.material = painted(part.material, vehicle);
+                }
+            }
         }
-        Self {
-            parts,
-            faces,
-            bvh: Bvh::from_leaves(BvhBuildStrategy::Binned, &bounds),
+        for (index, body) in scene.scenery.iter().enumerate() {
+            for hull in body.parts.iter().filter_map(Hull::new) {
+                bounds.push(rays.add(ObjectRef::Scenery(index), &hull, Vector3::zeros()));
+            }
         }
+        rays.bvh = Bvh::new(&bounds);
+        rays
+    }
+
+    fn add(&mut self, object: ObjectRef, hull: &Hull, velocity_mps: Vector3<f64>) -> Bounds {
+        let anchor = hull.vertices[0].cast::<f32>();
+        let velocity_mps = velocity_mps.cast::<f32>();
+        let first_face = self.faces.len() as u32;
+        let about = anchor.cast::<f64>();
+        self.faces
+            .extend(hull.faces.iter().map(|face| face.about(&about)));
+        self.parts.push(Part {
+            anchor,
+            velocity_mps,
+            first_face,
+            end_face: self.faces.len() as u32,
+            material: hull.material,
+            object,
+        });
+        let vertices: Box<_> = hull.vertices.iter().map(|vertex| vertex.cast()).collect();
+        let (low, high) = vertices.iter().fold(
+            (Vector3::repeat(f32::MAX), Vector3::repeat(f32::MIN)),
+            |(low, high), vertex| (low.inf(&vertex.coords), high.sup(&vertex.coords)),
+        );
+        self.vertices.push(vertices);
+        let way = velocity_mps.abs() * self.half_turn_s;
+        let margin = way.add_scalar(MARGIN_M + ROUNDING * low.amax().max(high.amax()));
+        Bounds {
+            low: low - margin,
+            high: high + margin,
+        }
+    }
+
+    /// All convex parts at the scene's time.
+    pub(crate) fn solids(&self) -> impl Iterator<Item = Solid<'_>> {
+        let parts = self.parts.iter().zip(&self.vertices);
+        parts.map(|(part, vertices)| Solid {
+            part,
+            faces: &self.faces[part.first_face as usize..part.end_face as usize],
+            vertices,
+        })
     }
 
     /// The first surface that the ray from `origin` along the unit vector `direction` meets within
@@ -108,25 +157,103 @@ impl RayScene {
         max_m: f32,
         skip: Option<VehicleId>,
     ) -> Option<Hit> {
-        let ray = parry_ray(origin, direction);
+        self.cast_at(origin, direction, max_m, skip, 0.0)
+    }
+
+    /// As [`Self::cast`], `dt_s` after the scene's time: at most `half_turn_s` of
+    /// [`Self::rolling`].
+    pub fn cast_at(
+        &self,
+        origin: &Point3<f32>,
+        direction: &Vector3<f32>,
+        max_m: f32,
+        skip: Option<VehicleId>,
+        dt_s: f32,
+    ) -> Option<Hit> {
+        let dt_s = self.within_turn(dt_s);
         let skip = skip.map(ObjectRef::Vehicle);
-        let (leaf, distance_m) = self.bvh.cast_ray(&ray, max_m, |leaf, nearest_m| {
+        let mut reach_m = max_m;
+        let mut nearest: Option<(&Part, Entry)> = None;
+        self.bvh.along_ray(origin, direction, max_m, |leaf| {
             let part = &self.parts[leaf as usize];
             if Some(part.object) == skip {
-                return None;
+                return reach_m;
             }
-            self.entry(part, origin, direction, nearest_m)
-                .map(|(distance_m, _)| distance_m)
-        })?;
-        let part = self.parts[leaf as usize];
-        let (_, face) = self.entry(&part, origin, direction, f32::MAX)?;
-        let [x, y, z, _] = self.faces[face];
-        Some(Hit {
-            distance_m,
+            let from = part.local(origin, dt_s);
+            if let Some(entry) = part.entry(&self.faces, &from, direction, reach_m)
+                && nearest.is_none_or(|(_, known)| entry.is_before(&known))
+            {
+                reach_m = entry.distance_m;
+                nearest = Some((part, entry));
+            }
+            reach_m
+        });
+        nearest.map(|(part, entry)| self.hit(part, entry))
+    }
+
+    /// What each ray of a fan from one `origin` meets, `dt_s` after the scene's time.
+    ///
+    /// The same, bit by bit, as [`Self::ground_hit`] and [`Self::cast_at`] as far as the ground,
+    /// and fast where the `directions` lie close together or in one plane.
+    pub fn cast_fan(
+        &self,
+        origin: &Point3<f32>,
+        directions: &[Vector3<f32>],
+        max_m: f32,
+        skip: Option<VehicleId>,
+        dt_s: f32,
+    ) -> Vec<Sighting> {
+        let mut grounds = Vec::with_capacity(directions.len());
+        let ground = |way| self.ground_hit(origin, way, max_m);
+        grounds.extend(directions.iter().map(ground));
+        let reaches = grounds.iter().map(|ground_m| ground_m.unwrap_or(max_m));
+        let rays: Vec<_> = directions.iter().copied().zip(reaches).collect();
+        let single = |&(way, reach_m): &_| self.cast_at(origin, &way, reach_m, skip, dt_s);
+        let hits: Vec<_> = if let Some(mut fan) = Fan::new(origin, &rays) {
+            let skip = skip.map(ObjectRef::Vehicle);
+            let dt_s = self.within_turn(dt_s);
+            fan.cast(&self.bvh, &self.parts, &self.faces, skip, dt_s);
+            let hit = |(part, entry)| self.hit(&self.parts[part as usize], entry);
+            (0..rays.len()).map(|ray| fan.met(ray).map(hit)).collect()
+        } else {
+            rays.iter().map(single).collect()
+        };
+        let sightings = grounds.into_iter().zip(hits);
+        sightings
+            .map(|(ground_m, hit)| Sighting { ground_m, hit })
+            .collect()
+    }
+
+    /// Distance along the ray to the ground, where it lies ahead within `max_m`.
+    pub fn ground_hit(
+        &self,
+        origin: &Point3<f32>,
+        direction: &Vector3<f32>,
+        max_m: f32,
+    ) -> Option<f32> {
+        if self.terrain.is_flat() {
+            let distance_m = -origin.z / direction.z;
+            return (direction.z < 0.0 && distance_m > 0.0 && distance_m <= max_m)
+                .then_some(distance_m);
+        }
+        let (origin, direction) = (origin.cast::<f64>(), direction.cast::<f64>());
+        let distance_m = self.terrain.meet(&origin, &direction, f64::from(max_m))?;
+        Some(distance_m as f32)
+    }
+
+    /// A time to which the bounds of the parts hold.
+    fn within_turn(&self, dt_s: f32) -> f32 {
+        dt_s.clamp(-self.half_turn_s, self.half_turn_s)
+    }
+
+    fn hit(&self, part: &Part, entry: Entry) -> Hit {
+        let [x, y, z, _] = self.faces[entry.face as usize];
+        Hit {
+            distance_m: entry.distance_m,
             normal: Vector3::new(x, y, z),
             material: part.material,
             object: part.object,
-        })
+        }
     }
 
     /// Whether anything but `skip` stands within `max_m` metres along the ray.
@@ -150,66 +277,18 @@ impl RayScene {
         max_m: f32,
         blocks: impl Fn(ObjectRef) -> bool,
     ) -> bool {
-        let ray = parry_ray(origin, direction);
         let mut hit = false;
-        self.bvh.traverse(|node| {
-            if !node.aabb().intersects_local_ray(&ray, max_m) {
-                return TraversalAction::Prune;
-            }
-            let Some(leaf) = node.leaf_data() else {
-                return TraversalAction::Continue;
-            };
+        self.bvh.along_ray(origin, direction, max_m, |leaf| {
             let part = &self.parts[leaf as usize];
-            hit = blocks(part.object) && self.entry(part, origin, direction, max_m).is_some();
-            if hit {
-                TraversalAction::EarlyExit
-            } else {
-                TraversalAction::Prune
-            }
+            let from = part.local(origin, 0.0);
+            hit = hit
+                || blocks(part.object)
+                    && part.entry(&self.faces, &from, direction, max_m).is_some();
+            // Nothing is left to be seen once something blocks.
+            if hit { f32::MIN } else { max_m }
         });
         hit
     }
-
-    /// Distance at which the ray enters `part` within `max_m` and through which face.
-    ///
-    /// The ray is clipped by one half-space after the other.
-    fn entry(
-        &self,
-        part: &Part,
-        origin: &Point3<f32>,
-        direction: &Vector3<f32>,
-        max_m: f32,
-    ) -> Option<(f32, usize)> {
-        let (mut enter_m, mut exit_m) = (0.0_f32, max_m);
-        let mut through = None;
-        for face in part.first_face as usize..part.end_face as usize {
-            let [x, y, z, offset_m] = self.faces[face];
-            let gap = offset_m - (x * origin.x + y * origin.y + z * origin.z);
-            let slope = x * direction.x + y * direction.y + z * direction.z;
-            if slope < 0.0 {
-                let distance_m = gap / slope;
-                if distance_m > enter_m {
-                    enter_m = distance_m;
-                    through = Some(face);
-                }
-            } else if gap < 0.0 {
-                return None;
-            } else if slope > 0.0 {
-                exit_m = exit_m.min(gap / slope);
-            }
-            if enter_m >= exit_m {
-                return None;
-            }
-        }
-        through.map(|face| (enter_m, face))
-    }
-}
-
-fn parry_ray(origin: &Point3<f32>, direction: &Vector3<f32>) -> Ray {
-    Ray::new(
-        Vector::new(origin.x, origin.y, origin.z),
-        Vector::new(direction.x, direction.y, direction.z),
-    )
 }
 
 /// The hulls of a model in the vehicle frame, built once.
@@ -280,11 +359,17 @@ mod tests {
     fn the_ground_is_a_plane() {
         let eye = Point3::new(1.0, 2.0, 1.73);
         let down = Vector3::new(0.6, 0.0, -0.8);
-        let distance = ground_hit(&eye, &down, 120.0).expect("ground");
+        let distance = block_scene()
+            .ground_hit(&eye, &down, 120.0)
+            .expect("ground");
         assert!((distance - 1.73 / 0.8).abs() < 1e-6);
-        assert!(ground_hit(&eye, &-down, 120.0).is_none());
-        assert!(ground_hit(&eye, &down, 2.0).is_none());
-        assert!(ground_hit(&eye, &Vector3::x(), 120.0).is_none());
+        assert!(block_scene().ground_hit(&eye, &-down, 120.0).is_none());
+        assert!(block_scene().ground_hit(&eye, &down, 2.0).is_none());
+        assert!(
+            block_scene()
+                .ground_hit(&eye, &Vector3::x(), 120.0)
+                .is_none()
+        );
     }
 
     #[test]

@@ -6,6 +6,7 @@ mod error;
 mod folder;
 mod frame;
 mod manifest;
+mod point_labels;
 mod spec;
 
 use std::ops::ControlFlow;
@@ -16,7 +17,7 @@ use rayon::prelude::*;
 
 pub use error::DatasetError;
 pub use manifest::Manifest;
-pub use spec::{DatasetSpec, Format, Split};
+pub use spec::{DatasetSpec, Format, Split, TruthFile, lidar_of};
 
 use folder::Folder;
 use frame::FrameMaker;

@@ -1,97 +1,309 @@
-use covista_world::{CameraIntrinsics, FrenetPoint, Road};
-use nalgebra::{Isometry3, Point3, Vector2, Vector3};
+use covista_traffic::Terrain;
+use covista_world::{FrenetPoint, Road};
+use nalgebra::{Vector2, Vector3};
+use rayon::prelude::*;
 
 use crate::pavement::GroundPatch;
+use crate::pixel_rays::PixelRays;
 
-const STEP_PX: usize = 16;
+/// Pixels across and down in the coarsest cells; powers of two.
+pub(crate) const TILE_PX: [usize; 2] = [16, 8];
 const HORIZON_M: f64 = 3000.0;
+/// Deviation in pixels up to which a cell is interpolated.
+const TOLERANCE_PX: f64 = 0.2;
+/// Distance over which the slope of the ground is taken.
+const SLOPE_OVER_M: f64 = 0.05;
 
-/// The ground along one image row, in road coordinates.
+/// The ground behind the pixels of an image, in road coordinates.
 ///
-/// These are computed every few pixels and interpolated: over so short a chord even a sharp turn
-/// bends by centimetres at most.
-pub(crate) struct GroundRow {
-    eye: Point3<f64>,
+/// On a plane the reciprocal of the depth is affine in (u, v), and so are, times this, the
+/// coordinates along and across a straight road. Hence the picture is cut into cells, each is
+/// interpolated between its corners, and cut into four where its middle shows that this would be
+/// wrong: at crests and horizons, in bends far away, where the nearest point of the road jumps.
+pub(crate) struct GroundView<'a> {
+    rays: PixelRays,
+    terrain: &'a Terrain,
+    road: &'a Road,
+    /// Metres across that a pixel takes up at a depth of one metre.
+    pixel_angle: f64,
+    columns: usize,
     nodes: Vec<Option<Node>>,
-    center_px: f64,
-    below_horizon_px: f64,
-    focal_px: f64,
 }
 
-#[derive(Clone, Copy)]
+/// The ground behind the pixels of one tile, row by row; `None` where there is none.
+pub(crate) type GroundTile = [[Option<Ground>; TILE_PX[0]]; TILE_PX[1]];
+
+/// What one pixel sees of the ground.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Ground {
+    /// Along the optical axis.
+    pub(crate) depth_m: f64,
+    pub(crate) patch: GroundPatch,
+}
+
+/// A point of the ground that the ray through (u, v) meets.
+#[derive(Debug, Clone, Copy)]
 struct Node {
+    nearness: f64,
     position: Vector2<f64>,
     frenet: FrenetPoint,
 }
 
-impl GroundRow {
-    /// Prepares row `v` of a level camera.
+/// A rectangle of pixels and the ground at its four corners: those of the upper edge, from the
+/// left, then those of the lower one.
+struct Cell {
+    u: usize,
+    v: usize,
+    size_px: [usize; 2],
+    corners: [Option<Node>; 4],
+}
+
+impl<'a> GroundView<'a> {
     pub(crate) fn new(
-        intrinsics: &CameraIntrinsics,
-        world_from_camera: &Isometry3<f64>,
-        road: &Road,
-        v: f64,
+        rays: PixelRays,
+        terrain: &'a Terrain,
+        road: &'a Road,
+        size_px: [usize; 2],
+        focal_px: f64,
     ) -> Self {
-        let mut row = Self {
-            eye: Point3::from(world_from_camera.translation.vector),
+        let [columns, rows] = [0, 1].map(|axis| size_px[axis].div_ceil(TILE_PX[axis]) + 1);
+        let mut view = Self {
+            rays,
+            terrain,
+            road,
+            pixel_angle: 1.0 / focal_px,
+            columns,
             nodes: Vec::new(),
-            center_px: intrinsics.cx_px,
-            below_horizon_px: v - intrinsics.cy_px,
-            focal_px: intrinsics.fx_px,
         };
-        let count = intrinsics.width_px as usize / STEP_PX + 2;
-        row.nodes = (0..count)
-            .map(|i| {
-                let ray = intrinsics.ray((i * STEP_PX) as f64, v);
-                let direction = world_from_camera.rotation * ray.normalize();
-                let distance_m = row.distance_m(&direction)?;
-                let position = (row.eye + direction * distance_m).xy().coords;
-                Some(Node {
-                    position,
-                    frenet: road.to_frenet(position),
-                })
+        view.nodes = (0..rows * columns)
+            .into_par_iter()
+            .with_min_len(columns)
+            .map(|index| {
+                let (u, v) = (index % columns * TILE_PX[0], index / columns * TILE_PX[1]);
+                view.node(u as f64, v as f64, None)
             })
             .collect();
-        row
+        view
     }
 
-    /// Distance to the ground along a unit vector, where there is ground.
-    pub(crate) fn distance_m(&self, direction: &Vector3<f64>) -> Option<f64> {
-        let distance_m = -self.eye.z / direction.z;
-        (direction.z < 0.0 && distance_m < HORIZON_M).then_some(distance_m)
-    }
-
-    /// What the pixel in `column` at `u` sees of the ground.
-    pub(crate) fn patch(&self, u: f64, column: usize, road: &Road) -> Option<GroundPatch> {
-        let index = column / STEP_PX;
-        let (a, b) = (
-            self.nodes.get(index).copied()??,
-            self.nodes.get(index + 1).copied()??,
-        );
-        let share = (column - index * STEP_PX) as f64 / STEP_PX as f64;
-        let position = a.position.lerp(&b.position, share);
-        let span_m = (b.position - a.position).norm();
-        let along = Vector2::new(b.frenet.s_m - a.frenet.s_m, b.frenet.d_m - a.frenet.d_m);
-        let FrenetPoint { s_m, d_m } = if along.norm() < 3.0 * span_m {
-            FrenetPoint {
-                s_m: a.frenet.s_m + share * along.x,
-                d_m: a.frenet.d_m + share * along.y,
-            }
-        } else {
-            // The nearest point of the road jumps in between.
-            road.to_frenet(position)
+    /// The ground behind the tile in this column and row of tiles.
+    pub(crate) fn tile(&self, column: usize, row: usize) -> GroundTile {
+        let corner = row * self.columns + column;
+        let node = |index: usize| self.nodes.get(index).copied().flatten();
+        let cell = Cell {
+            u: column * TILE_PX[0],
+            v: row * TILE_PX[1],
+            size_px: TILE_PX,
+            corners: [0, 1, self.columns, self.columns + 1].map(|step| node(corner + step)),
         };
-        // A step of one pixel to the right, and one of one row up, on the ground.
-        let right = along.try_normalize(1e-12).unwrap_or(-Vector2::y()) * (span_m / STEP_PX as f64);
-        let ahead = Vector2::new(-right.y, right.x);
-        let off_axis = (u - self.center_px) / self.focal_px;
-        let up = (right * off_axis + ahead) * (self.focal_px / self.below_horizon_px);
-        Some(GroundPatch {
+        let mut tile = [[None; TILE_PX[0]]; TILE_PX[1]];
+        self.fill(&cell, &mut tile);
+        tile
+    }
+
+    fn fill(&self, cell: &Cell, tile: &mut GroundTile) {
+        let (u, v) = (cell.u as f64, cell.v as f64);
+        let [width, height] = cell.size_px;
+        let hint_m = cell.hint_m();
+        if width <= 2 {
+            for column in 0..width {
+                *cell.pixel(tile, column, 0) = self.exact(u + column as f64, v, hint_m);
+            }
+            return;
+        }
+        let at = |x: usize, y: usize| {
+            let (du, dv) = (x * width / 2, y * height / 2);
+            self.node(u + du as f64, v + dv as f64, hint_m)
+        };
+        let middle = at(1, 1);
+        match (Sheet::new(cell), middle) {
+            (None, None) if cell.corners.iter().all(Option::is_none) => return,
+            (Some(sheet), Some(middle)) if sheet.meets(&middle, self.pixel_angle) => {
+                return sheet.draw(cell, &self.rays, tile);
+            }
+            _ => {}
+        }
+        let [a, b, c, d] = cell.corners;
+        let (top, left, right, bottom) = (at(1, 0), at(0, 1), at(2, 1), at(1, 2));
+        let quarters = [
+            [a, top, left, middle],
+            [top, b, middle, right],
+            [left, middle, c, bottom],
+            [middle, right, bottom, d],
+        ];
+        let size_px = [width / 2, height / 2];
+        for (index, corners) in quarters.into_iter().enumerate() {
+            let (u, v) = (
+                cell.u + index % 2 * size_px[0],
+                cell.v + index / 2 * size_px[1],
+            );
+            self.fill(
+                &Cell {
+                    u,
+                    v,
+                    size_px,
+                    corners,
+                },
+                tile,
+            );
+        }
+    }
+
+    fn node(&self, u: f64, v: f64, hint_m: Option<f64>) -> Option<Node> {
+        let ray = self.rays.ray(u, v);
+        let length = ray.norm();
+        let distance_m = self
+            .terrain
+            .meet(&self.rays.eye, &(ray / length), HORIZON_M)?;
+        let depth_m = (distance_m / length).max(1e-3);
+        let position = (self.rays.eye + ray * depth_m).xy().coords;
+        Some(Node {
+            nearness: 1.0 / depth_m,
             position,
-            s_m,
-            d_m,
-            spread_s_m: right.x.hypot(up.x),
-            spread_d_m: right.y.hypot(up.y),
+            frenet: match hint_m {
+                Some(s_m) => self.road.to_frenet_near(position, s_m),
+                None => self.road.to_frenet(position),
+            },
         })
     }
+
+    /// The pixel by itself; its footprint is that on the tangent plane.
+    fn exact(&self, u: f64, v: f64, hint_m: Option<f64>) -> Option<Ground> {
+        let node = self.node(u, v, hint_m)?;
+        let depth_m = 1.0 / node.nearness;
+        let height_m = |x: f64, y: f64| self.terrain.height_m(node.position + Vector2::new(x, y));
+        let here_m = height_m(0.0, 0.0);
+        let up = Vector3::new(
+            here_m - height_m(SLOPE_OVER_M, 0.0),
+            here_m - height_m(0.0, SLOPE_OVER_M),
+            SLOPE_OVER_M,
+        );
+        let ray = self.rays.ray(u, v);
+        let facing = up.dot(&ray).min(-1e-4 * SLOPE_OVER_M);
+        let forward = self.road.reference(node.frenet.s_m).0.forward();
+        let [right, down] = self.rays.steps().map(|step| {
+            let moved = ((step - ray * (up.dot(&step) / facing)) * depth_m).xy();
+            Vector2::new(forward.dot(&moved), forward.perp(&moved))
+        });
+        Some(Ground {
+            depth_m,
+            patch: GroundPatch {
+                position: node.position,
+                s_m: node.frenet.s_m,
+                d_m: node.frenet.d_m,
+                spread_s_m: norm(right.x, down.x),
+                spread_d_m: norm(right.y, down.y),
+            },
+        })
+    }
+}
+
+impl Cell {
+    fn pixel<'t>(
+        &self,
+        tile: &'t mut GroundTile,
+        column: usize,
+        row: usize,
+    ) -> &'t mut Option<Ground> {
+        &mut tile[self.v % TILE_PX[1] + row][self.u % TILE_PX[0] + column]
+    }
+
+    /// Where about along the road the cell lies, unless the road's nearest point jumps within it.
+    fn hint_m(&self) -> Option<f64> {
+        let [Some(a), Some(b), Some(c), Some(d)] = self.corners else {
+            return None;
+        };
+        let steady = |p: Node, q: Node| {
+            let along = Vector2::new(p.frenet.s_m - q.frenet.s_m, p.frenet.d_m - q.frenet.d_m);
+            along.norm_squared() <= 9.0 * (p.position - q.position).norm_squared()
+        };
+        (steady(a, d) && steady(b, c) && steady(a, b))
+            .then(|| (a.frenet.s_m + b.frenet.s_m + c.frenet.s_m + d.frenet.s_m) / 4.0)
+    }
+}
+
+/// Nearness and, times it, the coordinates along and across the road; bilinear over a cell.
+struct Sheet {
+    from_s_m: f64,
+    corner: Vector3<f64>,
+    per_column: Vector3<f64>,
+    per_row: Vector3<f64>,
+    twist: Vector3<f64>,
+    size_px: Vector2<f64>,
+}
+
+impl Sheet {
+    fn new(cell: &Cell) -> Option<Self> {
+        let [Some(a), Some(b), Some(c), Some(d)] = cell.corners else {
+            return None;
+        };
+        // Counted from nearby, so that differences keep their digits.
+        let from_s_m = a.frenet.s_m;
+        let [a, b, c, d] = [a, b, c, d].map(|node| {
+            Vector3::new(1.0, node.frenet.s_m - from_s_m, node.frenet.d_m) * node.nearness
+        });
+        let size_px = Vector2::from(cell.size_px.map(|size| size as f64));
+        Some(Self {
+            from_s_m,
+            corner: a,
+            per_column: (b - a) / size_px.x,
+            per_row: (c - a) / size_px.y,
+            twist: (d - c - b + a) / (size_px.x * size_px.y),
+            size_px,
+        })
+    }
+
+    /// Depth, coordinates along and across, and how the last two change per column and per row.
+    fn at(&self, column: f64, row: f64) -> [f64; 7] {
+        let per_column = self.per_column + self.twist * row;
+        let per_row = self.per_row + self.twist * column;
+        let value = self.corner + self.per_row * row + per_column * column;
+        let depth_m = 1.0 / value.x;
+        let (s_m, d_m) = (value.y * depth_m, value.z * depth_m);
+        let change = |along: f64, at: f64, nearness: f64| (along - at * nearness) * depth_m;
+        [
+            depth_m,
+            self.from_s_m + s_m,
+            d_m,
+            change(per_column.y, s_m, per_column.x),
+            change(per_column.z, d_m, per_column.x),
+            change(per_row.y, s_m, per_row.x),
+            change(per_row.z, d_m, per_row.x),
+        ]
+    }
+
+    /// Whether the true ground in the middle is, to a fraction of a pixel, where it would be drawn.
+    fn meets(&self, middle: &Node, pixel_angle: f64) -> bool {
+        let [depth_m, s_m, d_m, s_right, _, s_down, _] =
+            self.at(0.5 * self.size_px.x, 0.5 * self.size_px.y);
+        let nearness_step = norm(self.per_column.x, self.per_row.x);
+        (middle.frenet.d_m - d_m).abs() < TOLERANCE_PX * pixel_angle * depth_m
+            && (middle.frenet.s_m - s_m).abs() < TOLERANCE_PX * norm(s_right, s_down)
+            && (middle.nearness - 1.0 / depth_m).abs() < TOLERANCE_PX * nearness_step
+    }
+
+    fn draw(&self, cell: &Cell, rays: &PixelRays, tile: &mut GroundTile) {
+        for row in 0..cell.size_px[1] {
+            for column in 0..cell.size_px[0] {
+                let [depth_m, s_m, d_m, s_right, d_right, s_down, d_down] =
+                    self.at(column as f64, row as f64);
+                let (u, v) = ((cell.u + column) as f64, (cell.v + row) as f64);
+                *cell.pixel(tile, column, row) = Some(Ground {
+                    depth_m,
+                    patch: GroundPatch {
+                        position: rays.point(u, v, depth_m).xy().coords,
+                        s_m,
+                        d_m,
+                        spread_s_m: norm(s_right, s_down),
+                        spread_d_m: norm(d_right, d_down),
+                    },
+                });
+            }
+        }
+    }
+}
+
+/// `f64::hypot` guards against overflow, which takes most of its time.
+fn norm(a: f64, b: f64) -> f64 {
+    (a * a + b * b).sqrt()
 }

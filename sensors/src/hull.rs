@@ -1,5 +1,5 @@
 use covista_traffic::{ConvexPart, Material};
-use nalgebra::{Isometry3, Point3, Unit, Vector3};
+use nalgebra::{Isometry3, Point3, Unit, Vector2, Vector3};
 
 /// Points within this distance of a plane lie in it.
 const TOLERANCE_M: f64 = 1e-6;
@@ -25,9 +25,10 @@ impl Hull {
         let vertices = &part.vertices;
         let mut faces: Vec<HalfSpace> = Vec::new();
         for (i, a) in vertices.iter().enumerate() {
-            for (j, b) in vertices.iter().enumerate().skip(i + 1) {
-                for c in &vertices[j + 1..] {
-                    if let Some(face) = supporting_plane(a, b, c, vertices)
+            for b in &vertices[i + 1..] {
+                for c in wings(a, b, vertices).into_iter().flatten() {
+                    if !faces.iter().any(|known| known.holds([a, b, c]))
+                        && let Some(face) = supporting_plane(a, b, c, vertices)
                         && !faces.iter().any(|known| known.is_same(&face))
                     {
                         faces.push(face);
@@ -80,15 +81,52 @@ impl Hull {
 }
 
 impl HalfSpace {
+    /// Whether all three points lie in the plane.
+    fn holds(&self, points: [&Point3<f64>; 3]) -> bool {
+        let height = |point: &Point3<f64>| self.normal.dot(&point.coords) - self.offset_m;
+        points
+            .iter()
+            .all(|point| height(point).abs() <= TOLERANCE_M)
+    }
+
     fn is_same(&self, other: &Self) -> bool {
         (self.normal - other.normal).norm_squared() < 1e-8
     }
 
-    /// Normal and offset in single precision.
-    pub(crate) fn to_f32(self) -> [f32; 4] {
+    /// Normal and offset about `anchor` in single precision.
+    pub(crate) fn about(&self, anchor: &Point3<f64>) -> [f32; 4] {
         let n = self.normal;
-        [n.x, n.y, n.z, self.offset_m].map(|value| value as f32)
+        [n.x, n.y, n.z, self.offset_m - n.dot(&anchor.coords)].map(|value| value as f32)
     }
+}
+
+/// The outermost of `points` to either side, seen along the line from `a` to `b`: with it they
+/// span the faces that meet there. `None` where points lie all round the line.
+fn wings<'a>(
+    a: &Point3<f64>,
+    b: &Point3<f64>,
+    points: &'a [Point3<f64>],
+) -> Option<[&'a Point3<f64>; 2]> {
+    let line = b - a;
+    let right = line.cross(&Vector3::ith(line.iamin(), 1.0));
+    let up = line.cross(&right);
+    let on_line = 1e-16 * right.norm_squared() * line.norm_squared();
+    let mut wings: Option<[(Vector2<f64>, &Point3<f64>); 2]> = None;
+    for point in points {
+        let arm = point - a;
+        let seen = Vector2::new(right.dot(&arm) * line.norm(), up.dot(&arm));
+        if seen.norm_squared() <= on_line {
+            continue;
+        }
+        let [leftmost, rightmost] = wings.get_or_insert([(seen, point); 2]);
+        match (leftmost.0.perp(&seen) > 0.0, rightmost.0.perp(&seen) < 0.0) {
+            (true, true) => return None,
+            (true, false) => *leftmost = (seen, point),
+            (false, true) => *rightmost = (seen, point),
+            (false, false) => {}
+        }
+    }
+    wings.map(|[left, right]| [left.1, right.1])
 }
 
 /// The plane through three points when all `points` lie on one side of it.
@@ -100,23 +138,29 @@ fn supporting_plane(
 ) -> Option<HalfSpace> {
     let (ab, ac) = (b - a, c - a);
     let cross = ab.cross(&ac);
+    let squared = cross.norm_squared();
     // Three points close to one line define no plane.
-    if cross.norm() < 1e-4 * ab.norm() * ac.norm() || cross.norm() < 1e-8 {
+    if squared < 1e-8 * ab.norm_squared() * ac.norm_squared() || squared < 1e-16 {
         return None;
     }
-    let normal = Unit::new_normalize(cross).into_inner();
-    let offset_m = normal.dot(&a.coords);
-    let distance = |point: &Point3<f64>| normal.dot(&point.coords) - offset_m;
-    if points.iter().all(|point| distance(point) <= TOLERANCE_M) {
-        Some(HalfSpace { normal, offset_m })
-    } else if points.iter().all(|point| distance(point) >= -TOLERANCE_M) {
-        Some(HalfSpace {
-            normal: -normal,
-            offset_m: -offset_m,
-        })
-    } else {
-        None
+    let tolerance = squared * TOLERANCE_M * TOLERANCE_M;
+    let (mut above, mut below) = (false, false);
+    for point in points {
+        let height = cross.dot(&(point - a));
+        if height * height > tolerance {
+            above |= height > 0.0;
+            below |= height < 0.0;
+            if above && below {
+                return None;
+            }
+        }
     }
+    let outwards = if above { -cross } else { cross };
+    let normal = Unit::new_normalize(outwards).into_inner();
+    Some(HalfSpace {
+        normal,
+        offset_m: normal.dot(&a.coords),
+    })
 }
 
 #[cfg(test)]
@@ -147,6 +191,42 @@ mod tests {
         });
         let prism = Hull::new(&part(prism.collect())).expect("a hull");
         assert_eq!(prism.faces.len(), 14);
+    }
+
+    /// Every plane through three vertices with all others on one side.
+    fn all_supporting_planes(vertices: &[Point3<f64>]) -> Vec<HalfSpace> {
+        let mut faces: Vec<HalfSpace> = Vec::new();
+        for (i, a) in vertices.iter().enumerate() {
+            for (j, b) in vertices.iter().enumerate().skip(i + 1) {
+                for c in &vertices[j + 1..] {
+                    if let Some(face) = supporting_plane(a, b, c, vertices)
+                        && !faces.iter().any(|known| known.is_same(&face))
+                    {
+                        faces.push(face);
+                    }
+                }
+            }
+        }
+        faces
+    }
+
+    #[test]
+    fn no_face_is_missing_from_any_body() {
+        let scenes = (0..6).map(|index| covista_traffic::sample_scene(4, index).scene);
+        let scenery: Vec<_> = scenes.map(|scene| scene.scenery).collect();
+        let models = covista_traffic::VehicleModel::ALL.map(|model| model.body().clone());
+        let bodies = scenery.iter().flat_map(|bodies| bodies.iter());
+        let mut parts = 0;
+        for part in bodies.chain(&models).flat_map(|body| &body.parts) {
+            let expected = all_supporting_planes(&part.vertices);
+            let hull = Hull::new(part).expect("a hull");
+            assert_eq!(hull.faces.len(), expected.len());
+            for face in &expected {
+                assert!(hull.faces.iter().any(|known| known.is_same(face)));
+            }
+            parts += 1;
+        }
+        assert!(parts > 500, "{parts}");
     }
 
     #[test]

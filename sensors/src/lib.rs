@@ -7,32 +7,46 @@
 
 mod appearance;
 mod boxes;
+mod bvh;
 mod camera;
 mod caster;
 mod dataset;
 mod exposure;
+mod fan;
 mod ground;
 mod hull;
 pub mod kitti;
 mod lidar;
+mod light;
 mod marks;
 mod mcap;
 mod noise;
+mod part;
 mod pavement;
+mod pixel_rays;
+mod rig;
 mod ros2;
 mod shadow;
+mod sight;
 mod silhouette;
+mod skyline;
+mod solids;
 #[cfg(test)]
 mod testing;
+mod tile;
 mod tusimple;
 mod viewpoint;
 
 pub use boxes::{TruthBox, in_line_of_sight, truth_boxes, truth_detections};
 pub use camera::take_picture;
-pub use caster::{Hit, ObjectRef, RayScene, ground_hit};
-pub use dataset::{DatasetError, DatasetSpec, Format, Manifest, Split, stop_flag, write_dataset};
-pub use lidar::Lidar;
+pub use caster::{Hit, ObjectRef, RayScene, Sighting};
+pub use dataset::{
+    DatasetError, DatasetSpec, Format, Manifest, Split, TruthFile, lidar_of, stop_flag,
+    write_dataset,
+};
+pub use lidar::{Beam, LabelledCloud, Lidar, LidarError, Motion, PointLabel};
 pub use marks::{MarkTruth, true_marks};
 pub use mcap::{McapError, write_mcap};
+pub use rig::{Rig, sample_rig};
 pub use tusimple::{MarkPixels, read_tusimple_line, tusimple_line};
 pub use viewpoint::Viewpoint;

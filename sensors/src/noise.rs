@@ -14,7 +14,7 @@ pub(crate) fn uniform(seed: u32, x: i32, y: i32) -> f32 {
 }
 
 /// Much faster than `f64::floor` on a machine's baseline instructions.
-fn floor(x: f64) -> i32 {
+pub(crate) fn floor(x: f64) -> i32 {
     let towards_zero = x as i32;
     towards_zero.wrapping_sub(i32::from(f64::from(towards_zero) > x))
 }

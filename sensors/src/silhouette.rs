@@ -8,6 +8,8 @@ pub(crate) struct Silhouette {
     corners: Vec<Vector2<f64>>,
     top: f64,
     bottom: f64,
+    /// From the nearest to the farthest corner along the optical axis.
+    pub(crate) depths_m: [f64; 2],
 }
 
 impl Silhouette {
@@ -44,11 +46,19 @@ impl Silhouette {
             && left < f64::from(intrinsics.width_px)
             && bottom > -1.0
             && top < f64::from(intrinsics.height_px);
+        let nearest_m = front.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
+        let farthest_m = front.iter().map(|p| p.z).fold(0.0, f64::max);
         seen.then(|| Self {
             corners: convex_hull(points),
             top,
             bottom,
+            depths_m: [if behind.is_empty() { nearest_m } else { 0.0 }, farthest_m],
         })
+    }
+
+    /// Whether any row from `top` to `bottom` may lie inside.
+    pub(crate) fn reaches(&self, top: f64, bottom: f64) -> bool {
+        self.top <= bottom && self.bottom >= top
     }
 
     /// Where the row at `v` lies inside: (from, to) in u.

@@ -7,6 +7,8 @@ use covista_traffic::{
 use covista_world::{BicycleState, Road, RoadSegment, Se2Pose};
 use nalgebra::{Point3, Vector3};
 
+use crate::light::Light;
+
 /// The vehicle with the sensors in these scenes, at the world's origin.
 pub(crate) const EGO: VehicleId = VehicleId(0);
 
@@ -59,4 +61,18 @@ pub(crate) fn block(low: [f64; 3], high: [f64; 3]) -> Body {
             material: Material::Concrete,
         }],
     }
+}
+
+/// The light of a clear day, as far as `direct` says so.
+pub(crate) fn light(direct: f64) -> Light {
+    Light::new(&SceneLook {
+        sun_direction: Vector3::new(0.5, 0.3, 0.8),
+        direct_light: direct,
+        paint_wear: 0.2,
+        asphalt_albedo: 0.3,
+        haze_per_m: 0.002,
+        wetness: 0.0,
+        damage: 0.0,
+        texture_seed: 5,
+    })
 }

@@ -1,3 +1,4 @@
+use covista_world::Se2Pose;
 use nalgebra::Point3;
 
 /// What a surface is made of: its colour for the camera and its reflectance for the LIDAR.
@@ -32,6 +33,17 @@ pub struct ConvexPart {
     pub material: Material,
 }
 
+impl ConvexPart {
+    /// The part moved from the frame of `pose` to the one `pose` is given in, and up by `rise_m`.
+    pub fn at(mut self, pose: Se2Pose, rise_m: f64) -> Self {
+        for vertex in &mut self.vertices {
+            let ground = pose.transform(vertex.xy().coords);
+            *vertex = Point3::new(ground.x, ground.y, vertex.z + rise_m);
+        }
+        self
+    }
+}
+
 /// A body of several convex parts.
 ///
 /// A vehicle's frame is the vehicle frame of `covista_world` (origin on the ground below the rear
@@ -40,4 +52,14 @@ pub struct ConvexPart {
 pub struct Body {
     /// The parts, which may overlap.
     pub parts: Vec<ConvexPart>,
+}
+
+impl Body {
+    /// The body moved from the frame of `pose` to the one `pose` is given in, and up by `rise_m`.
+    pub fn at(self, pose: Se2Pose, rise_m: f64) -> Self {
+        let parts = self.parts.into_iter();
+        Self {
+            parts: parts.map(|part| part.at(pose, rise_m)).collect(),
+        }
+    }
 }

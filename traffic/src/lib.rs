@@ -26,7 +26,7 @@ pub use footprint::Footprint;
 pub use idm::{Ahead, Idm};
 pub use markings::{MarkStyle, PaintColor, RoadMarkings};
 pub use model::VehicleModel;
-pub use sample::{SampledScene, sample_scene};
+pub use sample::{SampledScene, SceneKind, sample_scene};
 pub use scenario::{
     BarrierEntry, BuildingEntry, DrivenEntry, LookEntry, ObstacleEntry, PolesEntry,
     RoadsideBarrier, Scenario, TreeEntry, VehicleKind, WallEntry,

@@ -1,3 +1,5 @@
+mod ray;
+
 use covista_world::{Se2Pose, VehicleDimensions};
 use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
 

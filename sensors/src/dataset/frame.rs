@@ -12,10 +12,13 @@ use serde::Serialize;
 
 use super::error::{DatasetError, encoding};
 use super::folder::{record_path, sha256_hex};
-use super::{DatasetSpec, Split};
+use super::point_labels::point_label_bytes;
+use super::{DatasetSpec, Split, TruthFile};
 use crate::dataset::description::SceneDescription;
 use crate::kitti::{KittiLabel, calibration_text, cloud_bytes};
-use crate::{RayScene, Viewpoint, take_picture, true_marks, truth_boxes, tusimple_line};
+use crate::{
+    Lidar, RayScene, Viewpoint, sample_rig, take_picture, true_marks, truth_boxes, tusimple_line,
+};
 
 pub(super) const LANES_FOLDER: &str = "lanes";
 pub(super) const RECORD_FOLDER: &str = "scenes";
@@ -35,6 +38,7 @@ pub(super) struct FrameMaker<'a> {
     pub(super) scene_seed: u64,
     lidar_seed: u64,
     camera_seed: u64,
+    rig_seed: u64,
 }
 
 /// What a frame is and was drawn from: `scenes/000007.json`.
@@ -58,6 +62,9 @@ pub(super) fn folders(spec: &DatasetSpec) -> Vec<&'static str> {
     if spec.has_tusimple() {
         folders.push(LANES_FOLDER);
     }
+    folders.extend(spec.truth.iter().map(|truth| match truth {
+        TruthFile::Points => "labels",
+    }));
     folders
 }
 
@@ -70,20 +77,27 @@ impl<'a> FrameMaker<'a> {
             scene_seed: rng.next_u64(),
             lidar_seed: rng.next_u64(),
             camera_seed: rng.next_u64(),
+            rig_seed: rng.next_u64(),
         }
     }
 
     /// The files of a frame in the order in which they are to be written, its record last.
     pub(super) fn measure(&self, frame: u64) -> Result<Vec<FrameFile>, DatasetError> {
-        let calibration = &self.spec.calibration;
-        let SampledScene { scene, ego } = sample_scene(self.scene_seed, frame);
-        let rays = RayScene::new(&scene);
+        let rig = sample_rig(self.rig_seed, frame);
+        let calibration = self.spec.calibration.as_ref().unwrap_or(&rig.calibration);
+        let lidar = Lidar {
+            motion: rig.lidar_motion,
+            specimen: rig.lidar_specimen,
+            ..self.spec.lidar.clone()
+        };
+        let SampledScene { scene, ego, kind } = sample_scene(self.scene_seed, frame);
+        let rays = RayScene::rolling(&scene, lidar.half_turn_s());
         let view = Viewpoint::new(&scene, &rays, ego, calibration)
             .ok_or("the scene lacks its own vehicle")
             .map_err(encoding(frame))?;
-        let cloud = self.spec.lidar.sweep(&view, self.lidar_seed ^ frame);
+        let swept = lidar.sweep_labelled(&view, self.lidar_seed ^ frame);
         let image = take_picture(&view, self.camera_seed ^ frame);
-        let truth = truth_boxes(&view, &cloud);
+        let truth = truth_boxes(&view, &swept);
         let marks = true_marks(&view);
         let mut files = vec![FrameFile {
             path: format!("image_2/{frame:06}.png"),
@@ -99,7 +113,7 @@ impl<'a> FrameMaker<'a> {
             files.extend([
                 FrameFile {
                     path: format!("velodyne/{frame:06}.bin"),
-                    content: cloud_bytes(&cloud),
+                    content: cloud_bytes(&swept.cloud),
                 },
                 FrameFile {
                     path: format!("calib/{frame:06}.txt"),
@@ -110,6 +124,12 @@ impl<'a> FrameMaker<'a> {
                     content: labels.into_bytes(),
                 },
             ]);
+        }
+        if self.spec.truth.contains(&TruthFile::Points) {
+            files.push(FrameFile {
+                path: format!("labels/{frame:06}.label"),
+                content: point_label_bytes(&scene, &swept.objects),
+            });
         }
         if self.spec.has_tusimple() {
             let line = tusimple_line(&files[0].path, &marks.pixels).map_err(encoding(frame))?;
@@ -122,7 +142,7 @@ impl<'a> FrameMaker<'a> {
             frame,
             seed: self.spec.seed,
             split: self.spec.split,
-            scene: SceneDescription::new(&view, &truth, &marks),
+            scene: SceneDescription::new(&view, kind, &lidar, &truth, &marks),
             files: files
                 .iter()
                 .map(|file| (file.path.as_str(), sha256_hex(&file.content)))

@@ -5,7 +5,7 @@ use std::str::FromStr;
 use covista_world::Calibration;
 use serde::{Deserialize, Serialize};
 
-use crate::Lidar;
+use crate::{Lidar, LidarError};
 
 /// Which part of the data: the splits of one seed share no scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -78,6 +78,46 @@ impl FromStr for Format {
     }
 }
 
+/// Truth that is written on request.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum TruthFile {
+    /// What each LIDAR point was measured on: `labels/000007.label`, as SemanticKITTI's.
+    Points,
+}
+
+impl TruthFile {
+    /// Its name in files and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Points => "points",
+        }
+    }
+}
+
+impl FromStr for TruthFile {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        [Self::Points]
+            .into_iter()
+            .find(|truth| truth.name() == text)
+            .ok_or_else(|| format!("`{text}` is no truth that can be written; use points"))
+    }
+}
+
+/// The built-in LIDAR of a name, or that of a beam table (`.toml`).
+///
+/// # Errors
+/// When there is none of that name, or the file is unusable.
+pub fn lidar_of(name_or_file: &str) -> Result<Lidar, LidarError> {
+    if name_or_file.ends_with(".toml") {
+        Lidar::load(name_or_file)
+    } else {
+        Lidar::builtin(name_or_file)
+    }
+}
+
 /// Which data set to write, and where.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DatasetSpec {
@@ -93,15 +133,17 @@ pub struct DatasetSpec {
     pub split: Split,
     /// Layouts.
     pub formats: BTreeSet<Format>,
+    /// Truth beyond that of the layouts.
+    pub truth: BTreeSet<TruthFile>,
     /// The LIDAR.
     pub lidar: Lidar,
-    /// The camera, and where both sensors sit.
-    pub calibration: Calibration,
+    /// The camera, and where both sensors sit; drawn anew for each frame unless it is given.
+    pub calibration: Option<Calibration>,
 }
 
 impl DatasetSpec {
-    /// The first frames of seed 0's training split, with KITTI's sensors, for KITTI's and
-    /// TuSimple's tools.
+    /// The first frames of seed 0's training split, measured by KITTI's LIDAR on a drawn rig, for
+    /// KITTI's and TuSimple's tools.
     pub fn new(out: PathBuf, frames: u64) -> Self {
         Self {
             out,
@@ -110,8 +152,9 @@ impl DatasetSpec {
             seed: 0,
             split: Split::Train,
             formats: Format::DEFAULT.into(),
+            truth: BTreeSet::new(),
             lidar: Lidar::hdl64e(),
-            calibration: Calibration::kitti(),
+            calibration: None,
         }
     }
 

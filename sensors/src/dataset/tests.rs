@@ -235,3 +235,33 @@ fn an_mcap_file_holds_the_frames_as_ros_2_messages() {
         assert_eq!(&tail[..points.len()], points);
     }
 }
+
+#[test]
+fn point_labels_say_what_each_point_was_measured_on() {
+    let root = tempfile::tempdir().expect("a folder");
+    let truth = [TruthFile::Points].into();
+    write_dataset(
+        &DatasetSpec {
+            truth,
+            ..spec(root.path())
+        },
+        go_on,
+    )
+    .expect("a data set");
+    for frame in 0..2 {
+        let read = |name: String| std::fs::read(root.path().join(name)).expect("a file");
+        let points = read(format!("velodyne/{frame:06}.bin")).len() / 16;
+        let labels = read(format!("labels/{frame:06}.label"));
+        assert_eq!(labels.len(), 4 * points);
+        let record = read(format!("scenes/{frame:06}.json"));
+        let record: serde_json::Value = serde_json::from_slice(&record).expect("JSON");
+        let words = labels.as_chunks::<4>().0.iter();
+        let words: Vec<u32> = words.map(|word| u32::from_le_bytes(*word)).collect();
+        assert!(words.iter().filter(|&&word| word == 49).count() > points / 10);
+        for vehicle in record["vehicles"].as_array().expect("vehicles") {
+            let on_it = |word: &&u32| vehicle["instance"] == **word >> 16;
+            let count = words.iter().filter(on_it).count();
+            assert_eq!(vehicle["lidar_points"], count, "{vehicle}");
+        }
+    }
+}

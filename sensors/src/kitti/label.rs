@@ -47,9 +47,9 @@ impl KittiLabel {
         let (bbox_px, truncated) = image_box(&corners, &calibration.intrinsics);
         Self {
             kind: match truth.model {
-                VehicleModel::Sedan | VehicleModel::Suv => "Car",
-                VehicleModel::Van => "Van",
-                VehicleModel::Truck => "Truck",
+                VehicleModel::Van | VehicleModel::Transporter => "Van",
+                VehicleModel::Truck | VehicleModel::Bus => "Truck",
+                _ => "Car",
             }
             .to_owned(),
             truncated,

@@ -1,139 +1,198 @@
-use super::shapes::{
-    HEADLAMP, PAINT, PLATE, TAIL_LAMP, block, hull, mirrors, pair, pillars, wheels,
+use super::car::CarShape;
+
+pub(super) const SEDAN: CarShape = CarShape {
+    clearance_m: 0.17,
+    wheel_radius_m: 0.31,
+    bumper_m: [0.30, 0.54],
+    bonnet_edge: [0.16, 0.72],
+    cowl: [1.40, 0.96],
+    screen_top: [2.22, 1.38],
+    roof_end: [1.25, 1.36],
+    window_base: [0.55, 1.00],
+    boot_edge: [0.08, 0.94],
+    tail_m: [0.34, 0.72],
+    headlamp_m: [0.56, 0.74],
+    tail_lamp_m: [0.70, 0.90],
+    tumblehome_m: 0.25,
+    rear_pillar_m: 0.14,
+    posts_m: &[1.30],
+    seats_m: &[1.55, 2.40],
 };
-use crate::{ConvexPart, Material, VehicleModel};
 
-pub(super) fn sedan() -> Vec<ConvexPart> {
-    let mut parts = vec![
-        // Lower hull: boot, belt line, bonnet, nose.
-        hull(
-            PAINT,
-            &[
-                [-1.08, 0.40, 0.76],
-                [-1.06, 0.92, 0.74],
-                [-0.95, 0.22, 0.84],
-                [-0.80, 1.01, 0.76],
-                [-0.30, 0.62, 0.89],
-                [0.10, 1.00, 0.84],
-                [2.05, 0.97, 0.84],
-                [2.70, 0.62, 0.89],
-                [3.25, 0.77, 0.76],
-                [3.45, 0.22, 0.80],
-                [3.58, 0.56, 0.66],
-                [3.58, 0.40, 0.68],
-            ],
-        ),
-        // Greenhouse: rear window, side windows, windscreen.
-        hull(
-            Material::Glass,
-            &[
-                [-0.60, 0.97, 0.74],
-                [2.10, 0.95, 0.78],
-                [0.15, 1.40, 0.59],
-                [1.25, 1.40, 0.61],
-            ],
-        ),
-        hull(
-            PAINT,
-            &[
-                [0.05, 1.38, 0.60],
-                [1.35, 1.37, 0.63],
-                [0.20, 1.44, 0.52],
-                [0.70, 1.45, 0.52],
-                [1.15, 1.44, 0.54],
-            ],
-        ),
-        // Seats and dashboard behind the glass.
-        hull(
-            Material::Rubber,
-            &[
-                [0.00, 0.92, 0.66],
-                [1.75, 0.92, 0.66],
-                [0.10, 1.20, 0.58],
-                [1.15, 1.20, 0.58],
-            ],
-        ),
-        // Bumpers.
-        block(
-            Material::Rubber,
-            [-1.10, -0.98],
-            [-0.74, 0.74],
-            [0.24, 0.42],
-        ),
-        block(Material::Rubber, [3.42, 3.60], [-0.66, 0.66], [0.22, 0.40]),
-        block(PLATE, [-1.10, -1.06], [-0.26, 0.26], [0.60, 0.71]),
-        block(PLATE, [3.58, 3.60], [-0.26, 0.26], [0.42, 0.53]),
-    ];
-    parts.extend(pillars([[0.62, 0.98], [0.66, 1.39]], [0.80, 0.62], 0.09));
-    parts.extend(pillars([[-0.52, 0.98], [0.14, 1.39]], [0.75, 0.60], 0.16));
-    parts.extend(pair(TAIL_LAMP, [-1.09, -0.96], [0.44, 0.78], [0.70, 0.86]));
-    parts.extend(pair(HEADLAMP, [3.30, 3.53], [0.40, 0.73], [0.56, 0.70]));
-    parts.extend(mirrors(1.75, 0.98, 0.82, 0.90));
-    parts.extend(wheels(VehicleModel::Sedan, 0.32, 0.21));
-    parts
-}
+pub(super) const SUV: CarShape = CarShape {
+    clearance_m: 0.22,
+    wheel_radius_m: 0.36,
+    bumper_m: [0.36, 0.68],
+    bonnet_edge: [0.14, 0.92],
+    cowl: [1.25, 1.12],
+    screen_top: [2.00, 1.62],
+    roof_end: [0.40, 1.63],
+    window_base: [0.14, 1.15],
+    boot_edge: [0.06, 1.06],
+    tail_m: [0.42, 0.84],
+    headlamp_m: [0.76, 0.96],
+    tail_lamp_m: [0.88, 1.10],
+    tumblehome_m: 0.22,
+    rear_pillar_m: 0.22,
+    posts_m: &[1.30, 2.25],
+    seats_m: &[1.55, 2.45],
+};
 
-pub(super) fn suv() -> Vec<ConvexPart> {
-    let mut parts = vec![
-        hull(
-            PAINT,
-            &[
-                [-0.98, 0.48, 0.82],
-                [-0.96, 1.08, 0.84],
-                [-0.86, 0.28, 0.88],
-                [-0.30, 0.75, 0.93],
-                [-0.60, 1.14, 0.86],
-                [2.10, 1.12, 0.88],
-                [2.80, 0.75, 0.93],
-                [3.30, 0.98, 0.80],
-                [3.42, 0.28, 0.84],
-                [3.58, 0.78, 0.74],
-                [3.58, 0.48, 0.76],
-            ],
-        ),
-        hull(
-            Material::Glass,
-            &[
-                [-0.94, 1.10, 0.78],
-                [2.12, 1.10, 0.82],
-                [-0.72, 1.62, 0.66],
-                [1.40, 1.63, 0.68],
-            ],
-        ),
-        hull(
-            PAINT,
-            &[
-                [-0.82, 1.60, 0.67],
-                [1.45, 1.60, 0.70],
-                [-0.60, 1.68, 0.58],
-                [0.50, 1.70, 0.60],
-                [1.20, 1.68, 0.60],
-            ],
-        ),
-        hull(
-            Material::Rubber,
-            &[
-                [-0.50, 1.00, 0.72],
-                [1.85, 1.00, 0.72],
-                [-0.40, 1.38, 0.64],
-                [1.20, 1.38, 0.64],
-            ],
-        ),
-        block(
-            Material::Rubber,
-            [-1.00, -0.88],
-            [-0.80, 0.80],
-            [0.30, 0.52],
-        ),
-        block(Material::Rubber, [3.40, 3.60], [-0.72, 0.72], [0.28, 0.48]),
-        block(PLATE, [-1.00, -0.96], [-0.26, 0.26], [0.80, 0.91]),
-        block(PLATE, [3.58, 3.60], [-0.26, 0.26], [0.50, 0.61]),
-    ];
-    parts.extend(pillars([[0.55, 1.12], [0.58, 1.61]], [0.84, 0.69], 0.10));
-    parts.extend(pillars([[-0.90, 1.12], [-0.70, 1.61]], [0.79, 0.67], 0.22));
-    parts.extend(pair(TAIL_LAMP, [-0.99, -0.84], [0.62, 0.86], [0.86, 1.14]));
-    parts.extend(pair(HEADLAMP, [3.34, 3.55], [0.44, 0.78], [0.76, 0.91]));
-    parts.extend(mirrors(1.75, 1.12, 0.86, 0.94));
-    parts.extend(wheels(VehicleModel::Suv, 0.36, 0.24));
-    parts
-}
+/// A compact car with a tailgate.
+pub(super) const HATCHBACK: CarShape = CarShape {
+    clearance_m: 0.16,
+    wheel_radius_m: 0.30,
+    bumper_m: [0.30, 0.54],
+    bonnet_edge: [0.17, 0.73],
+    cowl: [0.98, 0.94],
+    screen_top: [1.72, 1.40],
+    roof_end: [0.48, 1.38],
+    window_base: [0.14, 0.98],
+    boot_edge: [0.06, 0.90],
+    tail_m: [0.34, 0.76],
+    headlamp_m: [0.58, 0.76],
+    tail_lamp_m: [0.70, 0.90],
+    tumblehome_m: 0.22,
+    rear_pillar_m: 0.24,
+    posts_m: &[1.30],
+    seats_m: &[1.50, 2.35],
+};
+
+/// A short car with four seats.
+pub(super) const CITY_CAR: CarShape = CarShape {
+    clearance_m: 0.16,
+    wheel_radius_m: 0.27,
+    bumper_m: [0.28, 0.56],
+    bonnet_edge: [0.14, 0.74],
+    cowl: [0.76, 0.95],
+    screen_top: [1.36, 1.40],
+    roof_end: [0.26, 1.38],
+    window_base: [0.08, 0.94],
+    boot_edge: [0.04, 0.88],
+    tail_m: [0.32, 0.76],
+    headlamp_m: [0.58, 0.76],
+    tail_lamp_m: [0.62, 0.82],
+    tumblehome_m: 0.20,
+    rear_pillar_m: 0.20,
+    posts_m: &[1.35],
+    seats_m: &[1.40, 2.20],
+};
+
+/// A car with two seats, as short as a parking space is wide.
+pub(super) const TWO_SEATER: CarShape = CarShape {
+    clearance_m: 0.16,
+    wheel_radius_m: 0.28,
+    bumper_m: [0.30, 0.58],
+    bonnet_edge: [0.12, 0.80],
+    cowl: [0.52, 0.99],
+    screen_top: [1.05, 1.46],
+    roof_end: [0.30, 1.46],
+    window_base: [0.10, 1.02],
+    boot_edge: [0.04, 0.92],
+    tail_m: [0.34, 0.80],
+    headlamp_m: [0.62, 0.82],
+    tail_lamp_m: [0.66, 0.90],
+    tumblehome_m: 0.19,
+    rear_pillar_m: 0.26,
+    posts_m: &[],
+    seats_m: &[1.25],
+};
+
+pub(super) const WAGON: CarShape = CarShape {
+    clearance_m: 0.16,
+    wheel_radius_m: 0.31,
+    bumper_m: [0.30, 0.54],
+    bonnet_edge: [0.17, 0.72],
+    cowl: [1.26, 0.95],
+    screen_top: [2.06, 1.40],
+    roof_end: [0.52, 1.40],
+    window_base: [0.14, 1.00],
+    boot_edge: [0.06, 0.90],
+    tail_m: [0.34, 0.74],
+    headlamp_m: [0.58, 0.75],
+    tail_lamp_m: [0.72, 0.94],
+    tumblehome_m: 0.24,
+    rear_pillar_m: 0.16,
+    posts_m: &[1.30, 2.30],
+    seats_m: &[1.55, 2.45],
+};
+
+/// A tall family car, its bonnet in line with its windscreen.
+pub(super) const MINIVAN: CarShape = CarShape {
+    clearance_m: 0.17,
+    wheel_radius_m: 0.31,
+    bumper_m: [0.30, 0.58],
+    bonnet_edge: [0.18, 0.82],
+    cowl: [0.92, 1.06],
+    screen_top: [1.80, 1.54],
+    roof_end: [0.38, 1.54],
+    window_base: [0.12, 1.06],
+    boot_edge: [0.05, 0.96],
+    tail_m: [0.36, 0.80],
+    headlamp_m: [0.64, 0.84],
+    tail_lamp_m: [0.84, 1.02],
+    tumblehome_m: 0.23,
+    rear_pillar_m: 0.18,
+    posts_m: &[1.30, 2.30],
+    seats_m: &[1.45, 2.35],
+};
+
+/// Its load bed is covered.
+pub(super) const PICKUP: CarShape = CarShape {
+    clearance_m: 0.26,
+    wheel_radius_m: 0.38,
+    bumper_m: [0.42, 0.78],
+    bonnet_edge: [0.10, 1.02],
+    cowl: [1.36, 1.16],
+    screen_top: [2.02, 1.74],
+    roof_end: [2.02, 1.75],
+    window_base: [1.80, 1.18],
+    boot_edge: [0.04, 1.14],
+    tail_m: [0.50, 1.00],
+    headlamp_m: [0.82, 1.02],
+    tail_lamp_m: [0.84, 1.10],
+    tumblehome_m: 0.22,
+    rear_pillar_m: 0.16,
+    posts_m: &[1.40],
+    seats_m: &[1.60, 2.35],
+};
+
+/// A small bus for goods or people.
+pub(super) const TRANSPORTER: CarShape = CarShape {
+    clearance_m: 0.20,
+    wheel_radius_m: 0.33,
+    bumper_m: [0.34, 0.66],
+    bonnet_edge: [0.14, 0.94],
+    cowl: [0.74, 1.20],
+    screen_top: [1.42, 1.86],
+    roof_end: [0.20, 1.90],
+    window_base: [0.07, 1.20],
+    boot_edge: [0.04, 1.10],
+    tail_m: [0.38, 0.90],
+    headlamp_m: [0.74, 0.96],
+    tail_lamp_m: [0.84, 1.08],
+    tumblehome_m: 0.19,
+    rear_pillar_m: 0.14,
+    posts_m: &[1.15, 2.30],
+    seats_m: &[1.20, 2.20],
+};
+
+/// A city bus.
+pub(super) const BUS: CarShape = CarShape {
+    clearance_m: 0.28,
+    wheel_radius_m: 0.48,
+    bumper_m: [0.40, 0.90],
+    bonnet_edge: [0.03, 1.08],
+    cowl: [0.10, 1.20],
+    screen_top: [0.34, 2.80],
+    roof_end: [0.14, 2.88],
+    window_base: [0.04, 1.40],
+    boot_edge: [0.02, 1.30],
+    tail_m: [0.44, 1.10],
+    headlamp_m: [0.70, 0.92],
+    tail_lamp_m: [0.96, 1.26],
+    tumblehome_m: 0.13,
+    rear_pillar_m: 0.30,
+    posts_m: &[-1.30, 0.9, 2.5, 4.1, 5.7, 7.3],
+    seats_m: &[-1.0, 1.6, 3.2, 4.8],
+};

@@ -1,9 +1,11 @@
 use super::shapes::{
     HEADLAMP, PAINT, PLATE, TAIL_LAMP, block, hull, mirrors, pair, side_windows, wheels,
 };
-use crate::{ConvexPart, Material, VehicleModel};
+use covista_world::VehicleDimensions;
 
-pub(super) fn van() -> Vec<ConvexPart> {
+use crate::{ConvexPart, Material};
+
+pub(super) fn van(size: VehicleDimensions) -> Vec<ConvexPart> {
     let mut parts = vec![
         // Cab and cargo space in one.
         hull(
@@ -67,11 +69,11 @@ pub(super) fn van() -> Vec<ConvexPart> {
         [0.985, 0.92],
     ));
     parts.extend(mirrors(2.95, 1.35, 0.94, 1.00));
-    parts.extend(wheels(VehicleModel::Van, 0.35, 0.23));
+    parts.extend(wheels(size, 0.35, 0.23));
     parts
 }
 
-pub(super) fn truck() -> Vec<ConvexPart> {
+pub(super) fn truck(size: VehicleDimensions) -> Vec<ConvexPart> {
     let mut parts = vec![
         // Cargo box.
         block(PAINT, [-1.96, 3.45], [-1.20, 1.20], [0.95, 3.00]),
@@ -111,6 +113,6 @@ pub(super) fn truck() -> Vec<ConvexPart> {
         [1.085, 1.04],
     ));
     parts.extend(mirrors(5.05, 1.60, 1.06, 1.20));
-    parts.extend(wheels(VehicleModel::Truck, 0.45, 0.28));
+    parts.extend(wheels(size, 0.45, 0.28));
     parts
 }

@@ -1,13 +1,13 @@
 use covista_world::VehicleDimensions;
 use nalgebra::Point3;
 
-use crate::{ConvexPart, Material, VehicleModel};
+use crate::{ConvexPart, Material};
 
 pub(super) const PAINT: Material = Material::CarPaint([128, 128, 128]);
 pub(super) const TAIL_LAMP: Material = Material::Reflector([170, 18, 18]);
 pub(super) const HEADLAMP: Material = Material::Reflector([235, 235, 240]);
 pub(super) const PLATE: Material = Material::Reflector([225, 225, 215]);
-const WHEEL_SIDES: u32 = 12;
+const WHEEL_SIDES: u32 = 10;
 
 /// The hull of stations (x, z, half width), mirrored to both sides.
 pub(super) fn hull(material: Material, stations: &[[f64; 3]]) -> ConvexPart {
@@ -33,27 +33,22 @@ pub(super) fn pair(material: Material, x: [f64; 2], y: [f64; 2], z: [f64; 2]) ->
     ]
 }
 
-/// Four wheels whose outer faces are flush with the body's width.
-pub(super) fn wheels(model: VehicleModel, radius_m: f64, width_m: f64) -> Vec<ConvexPart> {
-    let VehicleDimensions {
-        width_m: body_width_m,
-        wheelbase_m,
-        ..
-    } = model.dimensions();
-    let outer = body_width_m / 2.0;
+/// Four wheels on the ground, a little inside the body's width.
+pub(super) fn wheels(size: VehicleDimensions, radius_m: f64, width_m: f64) -> Vec<ConvexPart> {
+    let outer = size.width_m / 2.0 - 0.015;
+    let half_side = std::f64::consts::PI / f64::from(WHEEL_SIDES);
+    let corner_m = radius_m / half_side.cos();
     let wheel = |x: f64, [near, far]: [f64; 2]| ConvexPart {
         vertices: (0..WHEEL_SIDES)
             .flat_map(|side| {
-                let angle =
-                    std::f64::consts::TAU * (f64::from(side) + 0.5) / f64::from(WHEEL_SIDES);
-                let (sin, cos) = angle.sin_cos();
-                let z = radius_m * (1.0 + sin);
-                [near, far].map(|y| Point3::new(x + radius_m * cos, y, z))
+                // Flat sides at the bottom and at the top.
+                let (sin, cos) = (half_side * f64::from(2 * side + 1)).sin_cos();
+                [near, far].map(|y| Point3::new(x + corner_m * sin, y, radius_m - corner_m * cos))
             })
             .collect(),
         material: Material::Rubber,
     };
-    [0.0, wheelbase_m]
+    [0.0, size.wheelbase_m]
         .into_iter()
         .flat_map(|x| {
             [
@@ -62,29 +57,6 @@ pub(super) fn wheels(model: VehicleModel, radius_m: f64, width_m: f64) -> Vec<Co
             ]
         })
         .collect()
-}
-
-/// A slanted pillar on each side, from `line[0]` to `line[1]` (x, z), at these half widths.
-pub(super) fn pillars(line: [[f64; 2]; 2], half_widths: [f64; 2], width_m: f64) -> [ConvexPart; 2] {
-    [1.0, -1.0].map(|side| {
-        let vertices = line
-            .iter()
-            .zip(half_widths)
-            .flat_map(|(&[x, z], half)| {
-                [
-                    [x, half + 0.01],
-                    [x + width_m, half + 0.01],
-                    [x, half - 0.04],
-                    [x + width_m, half - 0.04],
-                ]
-                .map(|[x, y]| Point3::new(x, side * y, z))
-            })
-            .collect();
-        ConvexPart {
-            vertices,
-            material: PAINT,
-        }
-    })
 }
 
 /// A thin side window on each side: its outline (x, z), half widths at its bottom and top.
