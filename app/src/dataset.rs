@@ -2,6 +2,7 @@ use std::{ops::ControlFlow, sync::atomic::Ordering};
 
 use anyhow::{Context, bail};
 use covista_sensors::{DatasetSpec, lidar_of, stop_flag, write_dataset};
+use covista_world::Calibration;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::{
@@ -15,7 +16,7 @@ pub fn run(args: &DatasetArgs) -> anyhow::Result<()> {
         bail!("--frames 0 makes no dataset; give at least 1");
     }
     let lidar = lidar_of(&args.lidar)?;
-    prepare_folder(&args.out)?;
+    let calibration = args.calibration.as_deref().map(Calibration::load);
     let spec = DatasetSpec {
         start: args.start,
         seed: args.seed,
@@ -23,8 +24,10 @@ pub fn run(args: &DatasetArgs) -> anyhow::Result<()> {
         formats: args.format.iter().copied().collect(),
         truth: args.truth.iter().copied().collect(),
         lidar,
+        calibration: calibration.transpose()?,
         ..DatasetSpec::new(args.out.clone(), args.frames)
     };
+    prepare_folder(&args.out)?;
     let stop = stop_flag().context("cannot listen for Ctrl-C")?;
     let bar = frame_bar();
     let written = write_dataset(&spec, |done, total| {

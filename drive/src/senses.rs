@@ -1,7 +1,7 @@
 use std::time::Instant;
 
 use covista_perception::{FramePercepts, PerceiveError, Perceiver};
-use covista_sensors::{Lidar, RayScene, Viewpoint, take_picture, truth_detections};
+use covista_sensors::{CameraSettings, Lidar, RayScene, Viewpoint, take_picture, truth_detections};
 use covista_traffic::{Scene, VehicleId};
 use covista_world::{
     Calibration, Detection3d, FreeSpace, LaneMarks, Percept, Se2Pose, SensorFrame, wrap_angle,
@@ -74,7 +74,7 @@ impl Senses {
                 let seed = frame_seed(seed, view.ego.id, scene.time_s);
                 SensorFrame {
                     time_s: scene.time_s,
-                    image: take_picture(view, seed),
+                    image: take_picture(view, &CameraSettings::default(), seed),
                     points: lidar.sweep(view, seed),
                 }
             })

@@ -69,7 +69,8 @@ def detector(real: Path, model: Path, frame: str = "kitti_000008") -> dict[str, 
     found_70 = (overlaps.max(1, initial=0) >= 0.7).sum()
     whole = np.array([float(words[1]) <= 0.5 for words in labels])
     near = np.hypot(boxes[:, 0], boxes[:, 1]) < NEAR_M
-    seen = np.array([in_view(b[:3], camera_from_lidar, projection) for b in boxes], bool)
+    ignored = [[float(v) for v in words[4:8]] for words in lines if words[0] == "DontCare"]
+    seen = np.array([counts(b[:3], camera_from_lidar, projection, ignored) for b in boxes], bool)
     unmatched = near & seen & (overlaps.max(0, initial=0) < 0.5)
     print(f"boxes of no label (IoU < 0.5) in the camera's view within {NEAR_M} m:")
     for i in np.flatnonzero(unmatched):
@@ -90,10 +91,15 @@ def sizes(box: np.ndarray) -> str:
     return "x".join(f"{v:.2f}" for v in box[3:6])
 
 
-def in_view(point: np.ndarray, camera_from_lidar: np.ndarray, projection: np.ndarray) -> bool:
-    """Whether a point in the LIDAR frame is seen in the image."""
+def counts(
+    point: np.ndarray, camera_from_lidar: np.ndarray, projection: np.ndarray, ignored: list[list[float]]
+) -> bool:
+    """Whether a point in the LIDAR frame is in the image and in no region that nobody labelled."""
     u, v, depth = projection @ camera_from_lidar @ (*point, 1)
-    return bool(depth > 0 and 0 <= u / depth < lanes.IMAGE_WIDTH_PX and 0 <= v / depth < lanes.IMAGE_HEIGHT_PX)
+    u, v = u / depth, v / depth
+    regions = [[0, 0, lanes.IMAGE_WIDTH_PX - 1, lanes.IMAGE_HEIGHT_PX - 1], *ignored]
+    inside, *others = [left <= u <= right and top <= v <= bottom for left, top, right, bottom in regions]
+    return bool(depth > 0 and inside and not any(others))
 
 
 def view_of(entry: dict, view: str) -> tuple[float, float, float]:

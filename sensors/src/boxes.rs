@@ -1,7 +1,7 @@
 //! What is truly there, in the LIDAR frame, and how much of it can be seen.
 
 use covista_traffic::{Scene, SceneVehicle, VehicleId, VehicleModel};
-use covista_world::{Detection3d, VehicleDimensions};
+use covista_world::{Detection3d, LaneIndex, VehicleDimensions};
 use nalgebra::{Point3, Vector3};
 
 use crate::caster::{ObjectRef, RayScene};
@@ -20,6 +20,8 @@ pub struct TruthBox {
     pub size_m: Vector3<f64>,
     /// Heading about z, counter-clockwise from x, in (-pi, pi].
     pub yaw_rad: f64,
+    /// The lane that its centre is in, unless it is beyond the road's three.
+    pub lane: Option<LaneIndex>,
     /// LIDAR points on the body.
     pub lidar_points: usize,
     /// Share of the body in line of sight of the LIDAR, in [0, 1].
@@ -132,12 +134,15 @@ fn true_box(view: &Viewpoint, vehicle: &SceneVehicle) -> TruthBox {
     let center = Point3::new(size.center_ahead_of_axle_m(), 0.0, size.height_m / 2.0);
     let lidar_from_vehicle = view.world_from_lidar().inverse() * view.scene.placed(vehicle);
     let forward = lidar_from_vehicle * Vector3::x();
+    let middle = size.center_pose(vehicle.state.pose).position();
+    let road = &view.scene.road;
     TruthBox {
         id: vehicle.id,
         model: vehicle.model,
         center_m: (lidar_from_vehicle * center).coords,
         size_m: Vector3::new(size.length_m, size.width_m, size.height_m),
         yaw_rad: forward.y.atan2(forward.x),
+        lane: road.lane_at(road.to_frenet(middle).d_m),
         lidar_points: 0,
         visibility: 0.0,
     }
@@ -204,6 +209,7 @@ mod tests {
         );
         assert!((truth.center_m - expected).norm() < 1e-9);
         assert!((truth.yaw_rad - 0.1).abs() < 1e-12);
+        assert_eq!(truth.lane, Some(LaneIndex::LEFTMOST));
         assert!((truth.visibility - 1.0).abs() < 1e-12);
         assert!(truth.lidar_points > 300, "{}", truth.lidar_points);
     }

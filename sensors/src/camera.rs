@@ -4,8 +4,7 @@ use rayon::prelude::*;
 
 use crate::Viewpoint;
 use crate::appearance::{Light, Rgb};
-use crate::exposure::Radiance;
-use crate::noise::uniform;
+use crate::exposure::{CameraSettings, Motion, Radiance};
 use crate::pavement::Pavement;
 use crate::shadow::{Contact, ShadowRow, ShadowSpan, on_ground, shaded_share};
 use crate::sight::{Run, Seen, Sight};
@@ -17,23 +16,19 @@ const SHADOW_REACH_M: f32 = 80.0;
 const CLEARANCE_M: f32 = 0.02;
 
 /// The picture that the camera of `view` takes; `seed` is that of the sensor's noise.
-pub fn take_picture(view: &Viewpoint, seed: u64) -> CameraImage {
+pub fn take_picture(view: &Viewpoint, settings: &CameraSettings, seed: u64) -> CameraImage {
     let picture = Picture::new(view);
-    let radiance = picture.radiance();
-    let gain = gain(&picture.light, view.scene.look.texture_seed);
-    radiance.expose(gain, seed)
+    let gain = gain(&picture.light);
+    picture
+        .radiance()
+        .expose(gain, settings, &Motion::new(view), seed)
 }
 
-/// Exposure and white balance: set for the open road, a little off as automatics are.
-fn gain(light: &Light, texture_seed: u64) -> Rgb {
-    let open = light.open_ground().sum() / 3.0;
-    let draw = |index: i32| uniform(texture_seed as u32 ^ 0xE4B0, index, 3) - 0.5;
-    let balance = Rgb::new(
-        1.0 + 0.10 * draw(1),
-        1.0,
-        1.0 - 0.10 * draw(1) + 0.05 * draw(2),
-    );
-    balance * (0.9 * (0.7 * draw(0)).exp2() / open.max(0.05))
+/// Automatic exposure for the open road, and half of what would make it grey.
+fn gain(light: &Light) -> Rgb {
+    let open = light.open_ground();
+    let mean = (open.sum() / 3.0).max(0.05);
+    open.map(|channel| 0.9 / mean * (mean / channel.max(0.02)).sqrt())
 }
 
 /// A scene made ready for one picture.
@@ -84,15 +79,22 @@ impl<'a> Picture<'a> {
     fn radiance(&self) -> Radiance {
         let intrinsics = &self.view.calibration.intrinsics;
         let width = intrinsics.width_px as usize;
-        let mut pixels = vec![Rgb::zeros(); width * intrinsics.height_px as usize];
+        let count = width * intrinsics.height_px as usize;
+        let (mut pixels, mut depth_m) = (vec![Rgb::zeros(); count], vec![f32::INFINITY; count]);
+        let band_len = (width * Sight::BAND_ROWS).max(1);
         pixels
-            .par_chunks_mut((width * Sight::BAND_ROWS).max(1))
+            .par_chunks_mut(band_len)
+            .zip(depth_m.par_chunks_mut(band_len))
             .enumerate()
-            .for_each(|(band, pixels)| self.paint_band(band, pixels));
-        Radiance { width, pixels }
+            .for_each(|(band, (pixels, depth_m))| self.paint_band(band, pixels, depth_m));
+        Radiance {
+            width,
+            pixels,
+            depth_m,
+        }
     }
 
-    fn paint_band(&self, band: usize, pixels: &mut [Rgb]) {
+    fn paint_band(&self, band: usize, pixels: &mut [Rgb], depth_m: &mut [f32]) {
         let width = self.view.calibration.intrinsics.width_px as usize;
         let first_row = band * Sight::BAND_ROWS;
         let last_row = first_row + pixels.len() / width - 1;
@@ -107,8 +109,12 @@ impl<'a> Picture<'a> {
         let mut spans = Vec::new();
         self.sight.look(band, |run| {
             let row = run.row - first_row;
-            let line = &mut pixels[row * width + run.column..][..run.len];
-            self.paint_run(run, &dark[row], &mut spans, line);
+            let start = row * width + run.column;
+            let place = start..start + run.len;
+            for (depth_m, seen) in depth_m[place.clone()].iter_mut().zip(&run.seen) {
+                *depth_m = seen.depth_m();
+            }
+            self.paint_run(run, &dark[row], &mut spans, &mut pixels[place]);
         });
     }
 
@@ -142,12 +148,11 @@ impl<'a> Picture<'a> {
                         .filter(|([from, to], _)| (*from..=*to).contains(&u))
                         .map(|(_, contact)| contact.openness(position))
                         .fold(1.0, f32::min);
-                    let sunlit = 1.0 - shaded;
                     let color = self.pavement.radiance(
                         &ground.patch,
                         &self.light,
                         &direction,
-                        sunlit,
+                        1.0 - shaded,
                         openness,
                     );
                     self.light.through_haze(color, depth_m * length)
@@ -237,8 +242,11 @@ mod tests {
         let sample = sample_scene(3, 1);
         let on_threads = |count, seed| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(count).build();
-            pool.expect("a pool")
-                .install(|| with_view(&sample.scene, sample.ego, |view| take_picture(view, seed)))
+            pool.expect("a pool").install(|| {
+                with_view(&sample.scene, sample.ego, |view| {
+                    take_picture(view, &CameraSettings::default(), seed)
+                })
+            })
         };
         let picture = on_threads(1, 8);
         assert_eq!(picture.rgb.len(), 3 * 1242 * 375);

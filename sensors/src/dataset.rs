@@ -6,8 +6,8 @@ mod error;
 mod folder;
 mod frame;
 mod manifest;
-mod point_labels;
 mod spec;
+mod truth_files;
 
 use std::ops::ControlFlow;
 use std::sync::Arc;

@@ -254,10 +254,12 @@ impl Packet {
     /// Meets a part; the origin is `from` in its frame. As [`Part::entry`], ray by ray.
     fn meet(&mut self, index: u32, part: &Part, faces: &[Face], from: &Vector3<f32>) {
         let (mut enter_m, mut exit_m) = ([0.0; LANES], [f32::INFINITY; LANES]);
-        let mut through = [NO_FACE; LANES];
+        // The number of a face within its part, a float for the vector units; -1 is none.
+        let mut through = [-1.0_f32; LANES];
         let [ways_x, ways_y, ways_z] = &self.directions;
         for face in part.first_face..part.end_face {
             let [x, y, z, offset_m] = faces[face as usize];
+            let number = (face - part.first_face) as f32;
             let gap_m = offset_m - (x * from.x + y * from.y + z * from.z);
             for lane in 0..LANES {
                 let slope = x * ways_x[lane] + y * ways_y[lane] + z * ways_z[lane] + 0.0;
@@ -269,7 +271,7 @@ impl Packet {
                     crossing_m
                 };
                 through[lane] = if entry_m > enter_m[lane] {
-                    face
+                    number
                 } else {
                     through[lane]
                 };
@@ -290,7 +292,14 @@ impl Packet {
             any |= (enter_m[lane] < exit_m[lane]) & (enter_m[lane] <= self.reach_m[lane]);
         }
         if any {
-            self.take(index, &enter_m, &exit_m, &through);
+            let faces = through.map(|number| {
+                if number < 0.0 {
+                    NO_FACE
+                } else {
+                    part.first_face + number as u32
+                }
+            });
+            self.take(index, &enter_m, &exit_m, &faces);
         }
     }
 

@@ -11,6 +11,8 @@ pub(crate) const TILE_PX: [usize; 2] = [16, 8];
 const HORIZON_M: f64 = 3000.0;
 /// Deviation in pixels up to which a cell is interpolated.
 const TOLERANCE_PX: f64 = 0.2;
+/// Over a cell longer than this no guess leads to all its Frenet coordinates.
+const HINT_REACH_M: f64 = 60.0;
 /// Distance over which the slope of the ground is taken.
 const SLOPE_OVER_M: f64 = 0.05;
 
@@ -18,8 +20,8 @@ const SLOPE_OVER_M: f64 = 0.05;
 ///
 /// On a plane the reciprocal of the depth is affine in (u, v), and so are, times this, the
 /// coordinates along and across a straight road. Hence the picture is cut into cells, each is
-/// interpolated between its corners, and cut into four where its middle shows that this would be
-/// wrong: at crests and horizons, in bends far away, where the nearest point of the road jumps.
+/// interpolated between its corners, and halved where its middle shows that this would be wrong:
+/// at crests and horizons, in bends far away, where the nearest point of the road jumps.
 pub(crate) struct GroundView<'a> {
     rays: PixelRays,
     terrain: &'a Terrain,
@@ -102,50 +104,42 @@ impl<'a> GroundView<'a> {
     }
 
     fn fill(&self, cell: &Cell, tile: &mut GroundTile) {
-        let (u, v) = (cell.u as f64, cell.v as f64);
         let [width, height] = cell.size_px;
         let hint_m = cell.hint_m();
-        if width <= 2 {
-            for column in 0..width {
-                *cell.pixel(tile, column, 0) = self.exact(u + column as f64, v, hint_m);
-            }
+        let (u, v) = (cell.u as f64, cell.v as f64);
+        if width == 1 {
+            *cell.pixel(tile, 0, 0) = self.exact(u, v, hint_m);
             return;
         }
-        let at = |x: usize, y: usize| {
-            let (du, dv) = (x * width / 2, y * height / 2);
-            self.node(u + du as f64, v + dv as f64, hint_m)
-        };
-        let middle = at(1, 1);
-        match (Sheet::new(cell), middle) {
-            (None, None) if cell.corners.iter().all(Option::is_none) => return,
-            (Some(sheet), Some(middle)) if sheet.meets(&middle, self.pixel_angle) => {
-                return sheet.draw(cell, &self.rays, tile);
-            }
-            _ => {}
-        }
+        let at = |column: usize, row: usize| self.node(u + column as f64, v + row as f64, hint_m);
         let [a, b, c, d] = cell.corners;
-        let (top, left, right, bottom) = (at(1, 0), at(0, 1), at(2, 1), at(1, 2));
-        let quarters = [
-            [a, top, left, middle],
-            [top, b, middle, right],
-            [left, middle, c, bottom],
-            [middle, right, bottom, d],
-        ];
-        let size_px = [width / 2, height / 2];
-        for (index, corners) in quarters.into_iter().enumerate() {
-            let (u, v) = (
-                cell.u + index % 2 * size_px[0],
-                cell.v + index / 2 * size_px[1],
-            );
-            self.fill(
-                &Cell {
-                    u,
-                    v,
-                    size_px,
-                    corners,
-                },
-                tile,
-            );
+        // Of a single row only the upper edge is drawn.
+        let (x, y) = (width / 2, height / 2);
+        let drawn = if height == 1 {
+            &cell.corners[..2]
+        } else {
+            &cell.corners[..]
+        };
+        let middle = at(x, y);
+        match (Sheet::new(cell), middle) {
+            (_, None) if drawn.iter().all(Option::is_none) => {}
+            (Some(sheet), Some(middle))
+                if sheet.meets(x as f64, y as f64, &middle, self.pixel_angle) =>
+            {
+                sheet.draw(cell, &self.rays, tile);
+            }
+            _ if height > 1 => {
+                let (left, right) = (at(0, y), at(width, y));
+                for (row, corners) in [(0, [a, b, left, right]), (y, [left, right, c, d])] {
+                    self.fill(&cell.part(0, row, [width, y], corners), tile);
+                }
+            }
+            _ => {
+                let below = at(x, 1);
+                for (column, corners) in [(0, [a, middle, c, below]), (x, [middle, b, below, d])] {
+                    self.fill(&cell.part(column, 0, [x, 1], corners), tile);
+                }
+            }
         }
     }
 
@@ -199,6 +193,21 @@ impl<'a> GroundView<'a> {
 }
 
 impl Cell {
+    fn part(
+        &self,
+        column: usize,
+        row: usize,
+        size_px: [usize; 2],
+        corners: [Option<Node>; 4],
+    ) -> Self {
+        Self {
+            u: self.u + column,
+            v: self.v + row,
+            size_px,
+            corners,
+        }
+    }
+
     fn pixel<'t>(
         &self,
         tile: &'t mut GroundTile,
@@ -208,7 +217,8 @@ impl Cell {
         &mut tile[self.v % TILE_PX[1] + row][self.u % TILE_PX[0] + column]
     }
 
-    /// Where about along the road the cell lies, unless the road's nearest point jumps within it.
+    /// Where about along the road the cell lies, unless it is too long to say or the nearest point
+    /// of the road jumps within it.
     fn hint_m(&self) -> Option<f64> {
         let [Some(a), Some(b), Some(c), Some(d)] = self.corners else {
             return None;
@@ -216,6 +226,7 @@ impl Cell {
         let steady = |p: Node, q: Node| {
             let along = Vector2::new(p.frenet.s_m - q.frenet.s_m, p.frenet.d_m - q.frenet.d_m);
             along.norm_squared() <= 9.0 * (p.position - q.position).norm_squared()
+                && along.x.abs() < HINT_REACH_M
         };
         (steady(a, d) && steady(b, c) && steady(a, b))
             .then(|| (a.frenet.s_m + b.frenet.s_m + c.frenet.s_m + d.frenet.s_m) / 4.0)
@@ -229,7 +240,6 @@ struct Sheet {
     per_column: Vector3<f64>,
     per_row: Vector3<f64>,
     twist: Vector3<f64>,
-    size_px: Vector2<f64>,
 }
 
 impl Sheet {
@@ -249,7 +259,6 @@ impl Sheet {
             per_column: (b - a) / size_px.x,
             per_row: (c - a) / size_px.y,
             twist: (d - c - b + a) / (size_px.x * size_px.y),
-            size_px,
         })
     }
 
@@ -272,14 +281,13 @@ impl Sheet {
         ]
     }
 
-    /// Whether the true ground in the middle is, to a fraction of a pixel, where it would be drawn.
-    fn meets(&self, middle: &Node, pixel_angle: f64) -> bool {
-        let [depth_m, s_m, d_m, s_right, _, s_down, _] =
-            self.at(0.5 * self.size_px.x, 0.5 * self.size_px.y);
+    /// Whether the true ground at a pixel is, to a fraction of one, where it would be drawn.
+    fn meets(&self, column: f64, row: f64, truth: &Node, pixel_angle: f64) -> bool {
+        let [depth_m, s_m, d_m, s_right, _, s_down, _] = self.at(column, row);
         let nearness_step = norm(self.per_column.x, self.per_row.x);
-        (middle.frenet.d_m - d_m).abs() < TOLERANCE_PX * pixel_angle * depth_m
-            && (middle.frenet.s_m - s_m).abs() < TOLERANCE_PX * norm(s_right, s_down)
-            && (middle.nearness - 1.0 / depth_m).abs() < TOLERANCE_PX * nearness_step
+        (truth.frenet.d_m - d_m).abs() < TOLERANCE_PX * pixel_angle * depth_m
+            && (truth.frenet.s_m - s_m).abs() < TOLERANCE_PX * norm(s_right, s_down)
+            && (truth.nearness - 1.0 / depth_m).abs() < TOLERANCE_PX * nearness_step
     }
 
     fn draw(&self, cell: &Cell, rays: &PixelRays, tile: &mut GroundTile) {

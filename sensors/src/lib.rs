@@ -34,6 +34,7 @@ mod solids;
 #[cfg(test)]
 mod testing;
 mod tile;
+mod truth_images;
 mod tusimple;
 mod viewpoint;
 
@@ -44,9 +45,11 @@ pub use dataset::{
     DatasetError, DatasetSpec, Format, Manifest, Split, TruthFile, lidar_of, stop_flag,
     write_dataset,
 };
+pub use exposure::{Bonnet, CameraSettings};
 pub use lidar::{Beam, LabelledCloud, Lidar, LidarError, Motion, PointLabel};
 pub use marks::{MarkTruth, true_marks};
 pub use mcap::{McapError, write_mcap};
 pub use rig::{Rig, sample_rig};
+pub use truth_images::{TruthImages, instance_number, take_truth_images};
 pub use tusimple::{MarkPixels, read_tusimple_line, tusimple_line};
 pub use viewpoint::Viewpoint;

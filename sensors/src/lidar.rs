@@ -39,10 +39,12 @@ pub struct Lidar {
     pub range_m: f64,
     /// Standard deviation of the range in metres.
     pub range_std_m: f64,
+    /// Spread of what the beams add to a range, in metres.
+    pub range_bias_std_m: f64,
     /// Returns nearer than this are blanked, in metres.
     pub blank_m: f64,
     /// Weakest return, as reflectance per square metre of range, that the receiver tells from
-    /// noise: 1.6e-5 sees asphalt to about 65 m and a dark car to about 50 m.
+    /// noise: 2e-5 sees asphalt to about 70 m and a dark car to about 40 m.
     pub weakest_return: f64,
     /// Share of pulses lost whatever they hit.
     pub lost_share: f64,

@@ -81,15 +81,25 @@ impl Light {
     }
 
     fn sun_glow(&self, direction: &Vector3<f32>) -> Rgb {
-        let toward = self.sun_direction.dot(direction).max(0.0);
-        self.sun * (0.12 * toward.powi(8) + 0.5 * toward.powi(64) + 12.0 * toward.powi(4096))
+        let toward = self.sun_direction.dot(direction);
+        if toward < 0.5 {
+            return Rgb::zeros();
+        }
+        let (near, nearer) = (toward.powi(8), toward.powi(64));
+        self.sun * (0.12 * near + 0.5 * nearer + 12.0 * nearer.powi(64))
     }
 
     /// What a film of water shows of the sky in this direction; the thinner it is the more blurred.
     pub(crate) fn mirrored(&self, direction: &Vector3<f32>, film: f32, sunlit: f32) -> Rgb {
-        let toward = self.sun_direction.dot(direction).max(0.0);
-        let glint = sunlit * (0.25 * toward.powi(16) + 5.0 * film * toward.powi(256));
-        self.backdrop(direction) + self.sun * glint
+        // Ripples mix the sky with trees, walls and vehicles.
+        let clear = self.backdrop(direction);
+        let sky = 0.35 * (clear + Rgb::repeat(clear.mean()));
+        let toward = self.sun_direction.dot(direction);
+        if toward < 0.7 || sunlit <= 0.0 {
+            return sky;
+        }
+        let near = toward.powi(16);
+        sky + self.sun * (sunlit * (0.25 * near + 5.0 * film * near.powi(16)))
     }
 
     /// The sky with clouds and the land at the horizon.

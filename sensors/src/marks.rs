@@ -1,96 +1,137 @@
+use covista_traffic::MarkStyle;
 use covista_world::{FrenetPoint, MARK_COUNT, ROW_ANCHORS};
-use nalgebra::{Point3, Vector2};
+use nalgebra::{Isometry3, Point3, Vector2};
 
 use crate::{ObjectRef, Viewpoint};
 
 /// Marks are labelled up to this distance ahead of the rear axle.
 const RANGE_M: f64 = 100.0;
 const STEP_M: f64 = 0.5;
-/// A ray to a mark ends a little before and above the ground.
-const CLEARANCE_M: f32 = 0.05;
+/// A ray to a mark ends a little before the ground.
+const CLEARANCE_M: f64 = 0.3;
 
 /// Ground truth of the road's four lane marks in one camera image, from the left edge line to the
-/// right one. A mark behind a vehicle counts as seen, one behind scenery does not.
+/// right one. A mark behind a vehicle counts as seen, one behind scenery or a crest does not; a
+/// mark that is not painted is not labelled.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MarkTruth {
-    /// For each mark its u in pixels at each of the [`ROW_ANCHORS`], where it is seen.
+    /// For each mark its u in pixels at each of the [`ROW_ANCHORS`], where it is seen: of several
+    /// points in one row that nearest to the camera.
     pub pixels: [[Option<f32>; ROW_ANCHORS.len()]; MARK_COUNT],
     /// For each mark the points, every half metre along the road, that the image shows: x forward
-    /// and y to the left in the vehicle frame, in metres.
+    /// and y to the left in the vehicle frame, in metres. Where the ground is no plane they are
+    /// projected along the vehicle's z.
     pub points_m: [Vec<Vector2<f64>>; MARK_COUNT],
 }
 
 /// The lane marks as the camera of `view` should find them.
 pub fn true_marks(view: &Viewpoint) -> MarkTruth {
-    let (road, pose) = (&view.scene.road, view.ego.state.pose);
-    let start_m = road.to_frenet(pose.position()).s_m;
-    let steps = (RANGE_M * 1.5 / STEP_M) as usize;
-    let curves: [Vec<Vector2<f64>>; MARK_COUNT] = std::array::from_fn(|mark| {
-        let d_m = road.mark_offset_m(mark);
-        (0..=steps)
-            .map(|i| start_m + i as f64 * STEP_M)
-            .map(|s_m| pose.inverse_transform(road.from_frenet(FrenetPoint { s_m, d_m })))
-            .take_while(|point| point.norm() <= RANGE_M)
-            .collect()
-    });
+    let sight = MarkSight::new(view);
+    let curves: [Vec<Point3<f64>>; MARK_COUNT] =
+        std::array::from_fn(|mark| match view.scene.markings.styles[mark] {
+            MarkStyle::None => Vec::new(),
+            MarkStyle::Solid | MarkStyle::Dashed | MarkStyle::Double => sight.curve(mark),
+        });
     MarkTruth {
         pixels: std::array::from_fn(|mark| {
-            ROW_ANCHORS.map(|anchor| view.column(&curves[mark], f64::from(anchor.0)))
+            ROW_ANCHORS.map(|anchor| sight.column(&curves[mark], f64::from(anchor.0)))
         }),
-        points_m: curves.map(|curve| curve.into_iter().filter(|p| view.shows(*p)).collect()),
+        points_m: curves.map(|curve| {
+            let shown = curve.iter().filter(|point| sight.shows(point));
+            shown.map(|point| point.xy().coords).collect()
+        }),
     }
 }
 
-impl Viewpoint<'_> {
-    fn in_camera(&self, point: Vector2<f64>) -> Point3<f64> {
-        self.calibration
-            .vehicle_from_camera
-            .inverse_transform_point(&Point3::new(point.x, point.y, 0.0))
+/// A camera that looks for points of the ground, which are given in the vehicle frame.
+struct MarkSight<'a> {
+    view: &'a Viewpoint<'a>,
+    world_from_vehicle: Isometry3<f64>,
+    eye: Point3<f64>,
+}
+
+impl<'a> MarkSight<'a> {
+    fn new(view: &'a Viewpoint<'a>) -> Self {
+        Self {
+            view,
+            world_from_vehicle: view.scene.placed(view.ego),
+            eye: Point3::from(view.world_from_camera().translation.vector),
+        }
     }
 
-    /// The u at which the row at `v` first meets the curve, where the image shows that point.
-    fn column(&self, curve: &[Vector2<f64>], v: f64) -> Option<f32> {
-        let camera = &self.calibration.intrinsics;
+    /// The mark ahead, on the ground.
+    fn curve(&self, mark: usize) -> Vec<Point3<f64>> {
+        let scene = self.view.scene;
+        let start_m = scene
+            .road
+            .to_frenet(self.view.ego.state.pose.position())
+            .s_m;
+        let d_m = scene.road.mark_offset_m(mark);
+        let steps = (RANGE_M * 1.5 / STEP_M) as usize;
+        (0..=steps)
+            .map(|step| {
+                let s_m = start_m + step as f64 * STEP_M;
+                let at = scene.road.from_frenet(FrenetPoint { s_m, d_m });
+                let point = Point3::new(at.x, at.y, scene.terrain.height_m(at));
+                self.world_from_vehicle.inverse_transform_point(&point)
+            })
+            .take_while(|point| point.xy().coords.norm() <= RANGE_M)
+            .collect()
+    }
+
+    fn in_camera(&self, point: &Point3<f64>) -> Point3<f64> {
+        let calibration = self.view.calibration;
+        calibration
+            .vehicle_from_camera
+            .inverse_transform_point(point)
+    }
+
+    /// The u at which the row at `v` first shows the curve.
+    fn column(&self, curve: &[Point3<f64>], v: f64) -> Option<f32> {
+        let camera = &self.view.calibration.intrinsics;
         let slope = (v - camera.cy_px) / camera.fy_px;
-        // Positive where the row sees the ground farther away; linear along a chord of the curve.
-        let miss = |p: Vector2<f64>| {
-            let seen = self.in_camera(p);
+        // Changes its sign where the curve crosses the row; linear along a chord of the curve.
+        let miss = |point: &Point3<f64>| {
+            let seen = self.in_camera(point);
             seen.y - slope * seen.z
         };
-        let [a, b] = curve.windows(2).find_map(|pair| match *pair {
-            [a, b] if miss(a) > 0.0 && miss(b) <= 0.0 => Some([a, b]),
-            _ => None,
-        })?;
-        let point = a.lerp(&b, miss(a) / (miss(a) - miss(b)));
-        self.shows(point)
-            .then(|| camera.project(&self.in_camera(point)))
-            .flatten()
-            .map(|[u, _]| u as f32)
+        curve.windows(2).find_map(|pair| {
+            let (from, to) = (miss(&pair[0]), miss(&pair[1]));
+            if (from > 0.0) == (to > 0.0) {
+                return None;
+            }
+            let point = pair[0].lerp(&pair[1], from / (from - to));
+            let [u, _] = self.pixel(&point)?;
+            (!self.is_hidden(&point)).then_some(u as f32)
+        })
     }
 
-    /// Whether the image holds the point and no scenery hides it.
-    fn shows(&self, point: Vector2<f64>) -> bool {
-        let camera = &self.calibration.intrinsics;
-        let Some([u, v]) = camera.project(&self.in_camera(point)) else {
-            return false;
-        };
+    fn shows(&self, point: &Point3<f64>) -> bool {
+        self.pixel(point).is_some() && !self.is_hidden(point)
+    }
+
+    /// Where the image holds the point.
+    fn pixel(&self, point: &Point3<f64>) -> Option<[f64; 2]> {
+        let camera = &self.view.calibration.intrinsics;
         let inside = |x: f64, size: u32| x >= 0.0 && x <= f64::from(size) - 1.0;
-        inside(u, camera.width_px) && inside(v, camera.height_px) && !self.behind_scenery(point)
+        camera
+            .project(&self.in_camera(point))
+            .filter(|[u, v]| inside(*u, camera.width_px) && inside(*v, camera.height_px))
     }
 
-    fn behind_scenery(&self, point: Vector2<f64>) -> bool {
-        let world_from_vehicle = self.scene.placed(self.ego);
-        let eye = self.calibration.vehicle_from_camera.translation.vector;
-        let from = (world_from_vehicle * Point3::from(eye)).cast::<f32>();
-        let to = (world_from_vehicle * Point3::new(point.x, point.y, 0.0)).cast::<f32>();
-        let sight = to - from;
-        let distance_m = sight.norm();
-        self.rays.blocked(
-            &from,
-            &(sight / distance_m),
-            distance_m - CLEARANCE_M,
-            |object| matches!(object, ObjectRef::Scenery(_)),
-        )
+    /// Whether scenery or higher ground hides the point.
+    fn is_hidden(&self, point: &Point3<f64>) -> bool {
+        let sight = self.world_from_vehicle * point - self.eye;
+        let length_m = sight.norm();
+        let (direction, reach_m) = (sight / length_m, length_m - CLEARANCE_M);
+        let terrain = &self.view.scene.terrain;
+        terrain.meet(&self.eye, &direction, reach_m).is_some()
+            || self.view.rays.blocked(
+                &self.eye.cast(),
+                &direction.cast(),
+                reach_m as f32,
+                |object| matches!(object, ObjectRef::Scenery(_)),
+            )
     }
 }
 
@@ -98,7 +139,7 @@ impl Viewpoint<'_> {
 mod tests {
     use std::sync::Arc;
 
-    use covista_traffic::{Scene, VehicleId, VehicleModel};
+    use covista_traffic::{Scene, Terrain, VehicleId, VehicleModel};
     use covista_world::{Calibration, CameraIntrinsics, Road, RoadSegment, Se2Pose};
 
     use super::*;
@@ -142,6 +183,39 @@ mod tests {
             );
             assert!(truth.points_m[mark].len() > 100);
         }
+    }
+
+    #[test]
+    fn a_mark_without_paint_is_not_labelled() {
+        let mut scene = empty_road();
+        let all = marks(&scene);
+        scene.markings.styles[1] = MarkStyle::None;
+        let three = marks(&scene);
+        assert!(three.pixels[1].iter().all(Option::is_none) && three.points_m[1].is_empty());
+        assert_eq!(three.pixels[2], all.pixels[2]);
+    }
+
+    #[test]
+    fn a_crest_hides_the_marks_behind_it() {
+        let mut scene = empty_road();
+        // A ridge across the road, 40 m ahead and 2 m high, and level ground behind it.
+        let ridge = |p: Vector2<f64>| 2.0 * (-(p.x - 40.0).powi(2) / 50.0).exp();
+        scene.terrain = Arc::new(Terrain::sampled(Vector2::zeros(), 150.0, 1.0, ridge));
+        let truth = marks(&scene);
+        let shown = |from_m: f64, to_m: f64| {
+            let points = truth.points_m[1].iter();
+            points.filter(|p| (from_m..to_m).contains(&p.x)).count()
+        };
+        assert!(shown(10.0, 35.0) > 45);
+        assert_eq!(shown(45.0, 95.0), 0);
+        // The highest labelled row is that of the ridge as it is seen.
+        let horizon = ROW_ANCHORS
+            .iter()
+            .zip(truth.pixels[1])
+            .find(|(_, u)| u.is_some());
+        let (row, _) = horizon.expect("a mark");
+        let ridge_row = 172.854 + 721.54 * (1.65 - 2.0) / (40.0 - 1.17);
+        assert!((f64::from(row.0) - ridge_row - 5.0).abs() < 6.0, "{row:?}");
     }
 
     #[test]

@@ -4,7 +4,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use crate::Motion;
+use crate::{CameraSettings, Motion};
 
 /// Share of frames that KITTI's own rig takes.
 const KITTI_SHARE: f64 = 0.3;
@@ -18,6 +18,8 @@ pub struct Rig {
     pub lidar_motion: Motion,
     /// Which specimen of the LIDAR.
     pub lidar_specimen: u64,
+    /// How the camera turns light into a picture.
+    pub camera: CameraSettings,
 }
 
 /// The rig of frame `index` in the data set `seed`, reproducible from these two alone; its
@@ -40,6 +42,7 @@ pub fn sample_rig(seed: u64, index: u64) -> Rig {
         calibration,
         lidar_motion,
         lidar_specimen,
+        camera: CameraSettings::draw(&mut rng),
     }
 }
 

@@ -29,6 +29,17 @@ pub(crate) enum Seen<'s> {
     Solid(&'s Face, f32),
 }
 
+impl Seen<'_> {
+    /// Depth along the optical axis; infinite in the sky.
+    pub(crate) fn depth_m(&self) -> f32 {
+        match self {
+            Self::Sky => f32::INFINITY,
+            Self::Ground(ground) => ground.depth_m as f32,
+            Self::Solid(_, depth_m) => *depth_m,
+        }
+    }
+}
+
 /// Neighbouring pixels of one row, from `column` to the right.
 pub(crate) struct Run<'s> {
     pub(crate) row: usize,

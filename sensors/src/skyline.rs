@@ -5,6 +5,9 @@ use crate::light::Light;
 use crate::noise::{floor, uniform};
 use crate::tile::Tile;
 
+/// Haze lies before the land as thick as before something at this distance.
+const HAZE_M: f32 = 300.0;
+
 /// The land at the horizon: a far ridge and what stands before it.
 pub(crate) struct Skyline {
     layers: [Layer; 2],
@@ -54,7 +57,7 @@ impl Skyline {
             air: 0.05 + 0.3 * draw(9),
         };
         let city = Layer {
-            relief: 0.004 + 0.012 * draw(6),
+            relief: 0.002 + 0.008 * draw(6),
             house_rad: Some(0.008 + 0.025 * f64::from(draw(7))),
             albedo: Rgb::new(0.16, 0.15, 0.14).lerp(&Rgb::new(0.32, 0.26, 0.2), draw(8)),
             ..woods
@@ -80,10 +83,11 @@ impl Skyline {
             let share = ((height - direction.z) / 0.0015).clamp(0.0, 1.0);
             if share > 0.0 {
                 let near = light.open_ground().component_mul(&layer.albedo) * shade;
-                color = color.lerp(&near.lerp(&light.horizon, layer.air), share);
+                let land = light.through_haze(near.lerp(&light.horizon, layer.air), HAZE_M);
+                color = color.lerp(&land, share);
             }
         }
-        light.through_haze(color, 300.0)
+        color
     }
 }
 

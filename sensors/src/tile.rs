@@ -9,10 +9,15 @@ const OCTAVES: [f32; 6] = [0.7, 0.7, 0.65, 0.6, 0.5, 0.4];
 /// Averages over more texels than this are taken as zero.
 const FADED_TEXELS: f32 = 100.0;
 
+/// All levels, the finest first, fit into this many texels.
+const STORED: usize = 2 * SIZE * SIZE;
+
 /// Fractal noise of mean zero and variance one on a tile that repeats, with its averages over
 /// squares of 2, 4, 8, ... texels: one look-up stands for six octaves of noise.
 pub(crate) struct Tile {
-    levels: Vec<Vec<f32>>,
+    texels: Box<[f32; STORED]>,
+    /// Where each level begins.
+    starts: [usize; LEVELS],
 }
 
 impl Tile {
@@ -23,7 +28,11 @@ impl Tile {
     }
 
     fn new() -> Self {
-        let mut finest = vec![0.0; SIZE * SIZE];
+        let mut tile = Self {
+            texels: Box::new([0.0; STORED]),
+            starts: [0; LEVELS],
+        };
+        let finest = &mut tile.texels[..SIZE * SIZE];
         for (octave, &amplitude) in OCTAVES.iter().enumerate() {
             for (index, value) in finest.iter_mut().enumerate() {
                 let cell = 1 << octave;
@@ -33,54 +42,55 @@ impl Tile {
         let count = finest.len() as f32;
         let mean = finest.iter().sum::<f32>() / count;
         let variance = finest.iter().map(|x| (x - mean).powi(2)).sum::<f32>() / count;
-        let finest: Vec<f32> = finest
-            .iter()
-            .map(|x| (x - mean) / variance.sqrt())
-            .collect();
-        let mut levels = vec![finest];
-        for level in 1..LEVELS {
-            let (size, finer) = (SIZE >> level, &levels[level - 1]);
-            let texel = |x: usize, y: usize| finer[y * 2 * size + x];
-            let coarser = (0..size * size).map(|index| {
-                let (x, y) = (index % size * 2, index / size * 2);
-                0.25 * (texel(x, y) + texel(x + 1, y) + texel(x, y + 1) + texel(x + 1, y + 1))
-            });
-            levels.push(coarser.collect());
+        for value in finest {
+            *value = (*value - mean) / variance.sqrt();
         }
-        Self { levels }
+        for level in 1..LEVELS {
+            let (finer, size) = (tile.starts[level - 1], SIZE >> level);
+            let start = finer + 4 * size * size;
+            tile.starts[level] = start;
+            for index in 0..size * size {
+                let corner = finer + index / size * 4 * size + index % size * 2;
+                let pair = |at: usize| tile.texels[at] + tile.texels[at + 1];
+                tile.texels[start + index] = 0.25 * (pair(corner) + pair(corner + 2 * size));
+            }
+        }
+        tile
     }
 
     /// The noise at a point, averaged over `footprint_m`; texels are `texel_m` wide, the pattern
     /// repeats every 256 of them.
+    #[inline]
     pub(crate) fn at(&self, seed: u32, x_m: f32, y_m: f32, texel_m: f32, footprint_m: f32) -> f32 {
-        let texels = footprint_m / texel_m;
+        let per_m = 1.0 / texel_m;
+        let texels = footprint_m * per_m;
         if texels > FADED_TEXELS {
             return 0.0;
         }
         // The exponent of a floating point number is the logarithm that is wanted here.
-        let level = ((texels * 1.41).max(1.0).to_bits() >> 23) as usize - 127;
-        let level = level.min(LEVELS - 1);
-        let scale = 1.0 / (texel_m * (1 << level) as f32);
+        let level = ((texels * 1.41).max(1.0).to_bits() >> 23) - 127;
+        let scale = per_m * f32::from_bits((127 - level) << 23);
         let shift = seed.wrapping_mul(0x9E37_79B1);
         let x = x_m * scale + (shift >> 24) as f32 * 0.731;
         let y = y_m * scale + (shift >> 16 & 255) as f32 * 0.731;
-        bilinear(&self.levels[level], SIZE >> level, x, y)
+        self.bilinear(level as usize, x, y)
     }
-}
 
-fn bilinear(texels: &[f32], size: usize, x: f32, y: f32) -> f32 {
-    let (column, tx) = whole_and_rest(x);
-    let (row, ty) = whole_and_rest(y);
-    let mask = size - 1;
-    let (left, right) = (
-        column as usize & mask,
-        column.wrapping_add(1) as usize & mask,
-    );
-    let upper = &texels[(row as usize & mask) * size..][..size];
-    let lower = &texels[(row.wrapping_add(1) as usize & mask) * size..][..size];
-    let above = upper[left] + tx * (upper[right] - upper[left]);
-    let below = lower[left] + tx * (lower[right] - lower[left]);
-    above + ty * (below - above)
+    fn bilinear(&self, level: usize, x: f32, y: f32) -> f32 {
+        let (start, size) = (self.starts[level % LEVELS], SIZE >> level);
+        let (column, tx) = whole_and_rest(x);
+        let (row, ty) = whole_and_rest(y);
+        let wrapped = |i: i32| i as usize & (size - 1);
+        let (left, right) = (wrapped(column), wrapped(column.wrapping_add(1)));
+        let line = |row: i32| {
+            let start = start + wrapped(row) * size;
+            // The remainder changes nothing but tells the compiler that the index is in range.
+            let texel = |column: usize| self.texels[(start + column) % STORED];
+            texel(left) + tx * (texel(right) - texel(left))
+        };
+        let (above, below) = (line(row), line(row.wrapping_add(1)));
+        above + ty * (below - above)
+    }
 }
 
 /// Much faster than `f32::floor` on a machine's baseline instructions.

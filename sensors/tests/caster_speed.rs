@@ -97,13 +97,27 @@ fn scene(count: u32, spacing_m: f64, full_roadside: bool) -> Scene {
     scene
 }
 
+/// A thousand vehicles side by side, the ego among them.
+fn car_park() -> Scene {
+    let mut scene = scene(1000, 10.0, false);
+    let park = Se2Pose::new(0.0, 0.0, 0.5);
+    for (index, vehicle) in (0_i32..).zip(&mut scene.vehicles) {
+        let (row, column) = ((index / 40 + 12) % 25 - 12, (index % 40 + 20) % 40 - 20);
+        let place = Vector2::new(7.5 * f64::from(row), 3.0 * f64::from(column));
+        let place = park.transform(place);
+        vehicle.state.pose = Se2Pose::new(place.x, place.y, 0.5);
+        vehicle.state.speed_mps = 0.0;
+    }
+    scene
+}
+
 /// The directions of every column of a turn.
 fn columns(lidar: &Lidar) -> Vec<Vec<Vector3<f32>>> {
     let azimuths = (0..lidar.columns)
         .map(|column| -std::f64::consts::TAU * f64::from(column) / f64::from(lidar.columns));
     let column = |azimuth: f64| {
-        let beams = lidar.elevations_rad.iter().map(move |elevation| {
-            let (sin, cos) = elevation.sin_cos();
+        let beams = lidar.beams.iter().map(move |beam| {
+            let (sin, cos) = beam.elevation_rad.sin_cos();
             Vector3::new(cos * azimuth.cos(), cos * azimuth.sin(), sin).cast::<f32>()
         });
         beams.collect()
@@ -175,7 +189,7 @@ fn rays_a_second() {
         );
     }
     measure("1000 vehicles, no roadside", &scene(1000, 10.0, false));
-    measure("1000 vehicles within 120 m", &scene(1000, 0.24, false));
+    measure("1000 parked within 103 m", &car_park());
     let mut hills = scene(30, 10.0, true);
     hills.terrain = Arc::new(Terrain::sampled(Vector2::zeros(), 200.0, 4.0, |p| {
         0.4 * (p.x / 20.0).sin() + 0.3 * (p.y / 15.0).cos()

@@ -11,6 +11,7 @@
 
 mod behaviour;
 mod bicycle;
+mod calibration;
 mod dimensions;
 mod geometry;
 mod lane;
@@ -22,12 +23,13 @@ mod validate;
 
 pub use behaviour::{Action, ActionVerdict, BarrierKind, FilterOutcome};
 pub use bicycle::{BicycleState, ControlInput, STEP_S, bicycle_step};
+pub use calibration::{Calibration, CalibrationError, CameraIntrinsics};
 pub use dimensions::{ObjectClass, VehicleDimensions};
 pub use geometry::{Se2Pose, wrap_angle};
 pub use lane::{LANE_COUNT, LaneIndex};
 pub use percept::{Detection3d, LaneMarks, MARK_COUNT, MarkCurve, Percept, ROW_ANCHORS, RowAnchor};
 pub use road::{FrenetPoint, FrenetPose, Road, RoadError, RoadSegment};
-pub use sensing::{Calibration, CameraImage, CameraIntrinsics, FreeSpace, PointCloud, SensorFrame};
+pub use sensing::{CameraImage, FreeSpace, PointCloud, SensorFrame};
 pub use sharing::{
     CollectivePerceptionMessage, ObjectState, PerceivedObject, Sighting, StationId, Track,
 };

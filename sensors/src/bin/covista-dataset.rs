@@ -6,10 +6,12 @@ use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use covista_sensors::{DatasetSpec, lidar_of, stop_flag, write_dataset};
+use covista_world::Calibration;
 
 const USAGE: &str = "usage: covista-dataset --out DIR --frames N [--start N] [--seed N] \
                      [--split train|val|test] [--format kitti,tusimple,mcap] \
-                     [--truth points] [--lidar NAME|FILE.toml]";
+                     [--truth points,depth,instance] \
+                     [--lidar NAME|FILE.toml] [--calibration FILE.toml]";
 
 fn main() -> ExitCode {
     let spec = match parse(std::env::args().skip(1)) {
@@ -67,6 +69,11 @@ fn parse(mut arguments: impl Iterator<Item = String>) -> Result<DatasetSpec, Str
             }
             "--truth" => {
                 spec.truth = value.split(',').map(str::parse).collect::<Result<_, _>>()?;
+            }
+            "--calibration" => {
+                let loaded =
+                    Calibration::load(value.as_ref()).map_err(|error| error.to_string())?;
+                spec.calibration = Some(loaded);
             }
             "--lidar" => spec.lidar = lidar_of(&value).map_err(|error| error.to_string())?,
             _ => return Err(format!("there is no option {name}")),

@@ -3,7 +3,7 @@ use covista_world::{LaneIndex, MARK_COUNT, ROW_ANCHORS};
 use nalgebra::Vector3;
 use serde::Serialize;
 
-use crate::{Lidar, MarkTruth, TruthBox, Viewpoint};
+use crate::{CameraSettings, MarkTruth, Rig, TruthBox, Viewpoint};
 
 /// The settings that a scene was drawn with, and the truth that KITTI's and TuSimple's files have
 /// no place for.
@@ -12,6 +12,7 @@ pub(super) struct SceneDescription {
     kind: &'static str,
     lidar_motion: String,
     lidar_specimen: u64,
+    camera: CameraSettings,
     sun_direction: Vector3<f64>,
     direct_light: f64,
     paint_wear: f64,
@@ -53,7 +54,7 @@ impl SceneDescription {
     pub(super) fn new(
         view: &Viewpoint,
         kind: SceneKind,
-        lidar: &Lidar,
+        rig: &Rig,
         truth: &[TruthBox],
         marks: &MarkTruth,
     ) -> Self {
@@ -70,7 +71,7 @@ impl SceneDescription {
                 id: truth.id.0,
                 instance: index + 1,
                 model: format!("{:?}", truth.model).to_lowercase(),
-                lane: lane(vehicle),
+                lane: truth.lane,
                 speed_mps: vehicle.state.speed_mps,
                 center_m: truth.center_m,
                 size_m: truth.size_m,
@@ -80,8 +81,9 @@ impl SceneDescription {
             })
         });
         Self {
-            lidar_motion: format!("{:?}", lidar.motion).to_lowercase(),
-            lidar_specimen: lidar.specimen,
+            lidar_motion: format!("{:?}", rig.lidar_motion).to_lowercase(),
+            lidar_specimen: rig.lidar_specimen,
+            camera: rig.camera,
             kind: match kind {
                 SceneKind::Freeway => "freeway",
                 SceneKind::Street => "street",

@@ -12,8 +12,8 @@ use serde::Serialize;
 
 use super::error::{DatasetError, encoding};
 use super::folder::{record_path, sha256_hex};
-use super::point_labels::point_label_bytes;
-use super::{DatasetSpec, Split, TruthFile};
+use super::truth_files::truth_files;
+use super::{DatasetSpec, Split};
 use crate::dataset::description::SceneDescription;
 use crate::kitti::{KittiLabel, calibration_text, cloud_bytes};
 use crate::{
@@ -62,9 +62,7 @@ pub(super) fn folders(spec: &DatasetSpec) -> Vec<&'static str> {
     if spec.has_tusimple() {
         folders.push(LANES_FOLDER);
     }
-    folders.extend(spec.truth.iter().map(|truth| match truth {
-        TruthFile::Points => "labels",
-    }));
+    folders.extend(spec.truth.iter().map(|truth| truth.folder()));
     folders
 }
 
@@ -96,7 +94,7 @@ impl<'a> FrameMaker<'a> {
             .ok_or("the scene lacks its own vehicle")
             .map_err(encoding(frame))?;
         let swept = lidar.sweep_labelled(&view, self.lidar_seed ^ frame);
-        let image = take_picture(&view, self.camera_seed ^ frame);
+        let image = take_picture(&view, &rig.camera, self.camera_seed ^ frame);
         let truth = truth_boxes(&view, &swept);
         let marks = true_marks(&view);
         let mut files = vec![FrameFile {
@@ -125,10 +123,11 @@ impl<'a> FrameMaker<'a> {
                 },
             ]);
         }
-        if self.spec.truth.contains(&TruthFile::Points) {
+        for truth in truth_files(&view, &swept, &self.spec.truth).map_err(encoding(frame))? {
+            let (folder, extension, content) = truth;
             files.push(FrameFile {
-                path: format!("labels/{frame:06}.label"),
-                content: point_label_bytes(&scene, &swept.objects),
+                path: format!("{folder}/{frame:06}.{extension}"),
+                content,
             });
         }
         if self.spec.has_tusimple() {
@@ -142,7 +141,7 @@ impl<'a> FrameMaker<'a> {
             frame,
             seed: self.spec.seed,
             split: self.spec.split,
-            scene: SceneDescription::new(&view, kind, &lidar, &truth, &marks),
+            scene: SceneDescription::new(&view, kind, &rig, &truth, &marks),
             files: files
                 .iter()
                 .map(|file| (file.path.as_str(), sha256_hex(&file.content)))

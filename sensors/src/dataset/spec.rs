@@ -84,13 +84,28 @@ impl FromStr for Format {
 pub enum TruthFile {
     /// What each LIDAR point was measured on: `labels/000007.label`, as SemanticKITTI's.
     Points,
+    /// How far each pixel is along the optical axis: `depth_2/000007.png`, as KITTI's depth maps.
+    Depth,
+    /// Which object each pixel shows: `instance_2/000007.png`, numbered as in the point labels.
+    Instance,
 }
 
 impl TruthFile {
+    /// The folder of its files.
+    pub(super) fn folder(self) -> &'static str {
+        match self {
+            Self::Points => "labels",
+            Self::Depth => "depth_2",
+            Self::Instance => "instance_2",
+        }
+    }
+
     /// Its name in files and on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Points => "points",
+            Self::Depth => "depth",
+            Self::Instance => "instance",
         }
     }
 }
@@ -99,10 +114,12 @@ impl FromStr for TruthFile {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        [Self::Points]
+        [Self::Points, Self::Depth, Self::Instance]
             .into_iter()
             .find(|truth| truth.name() == text)
-            .ok_or_else(|| format!("`{text}` is no truth that can be written; use points"))
+            .ok_or_else(|| {
+                format!("`{text}` is no truth that can be written; use points, depth or instance")
+            })
     }
 }
 

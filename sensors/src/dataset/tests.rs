@@ -237,9 +237,9 @@ fn an_mcap_file_holds_the_frames_as_ros_2_messages() {
 }
 
 #[test]
-fn point_labels_say_what_each_point_was_measured_on() {
+fn truth_of_points_and_pixels_is_written_on_request() {
     let root = tempfile::tempdir().expect("a folder");
-    let truth = [TruthFile::Points].into();
+    let truth = [TruthFile::Points, TruthFile::Depth, TruthFile::Instance].into();
     write_dataset(
         &DatasetSpec {
             truth,
@@ -263,5 +263,14 @@ fn point_labels_say_what_each_point_was_measured_on() {
             let count = words.iter().filter(on_it).count();
             assert_eq!(vehicle["lidar_points"], count, "{vehicle}");
         }
+        let image = |folder: &str| {
+            let path = root.path().join(format!("{folder}/{frame:06}.png"));
+            image::open(path).expect("a picture").into_luma16()
+        };
+        let (depth, instance) = (image("depth_2"), image("instance_2"));
+        assert_eq!(depth.dimensions(), (1242, 375));
+        // The sky has no depth and no object; the road before the bonnet is some metres away.
+        assert_eq!((depth[(600, 0)][0], instance[(600, 0)][0]), (0, 0));
+        assert!((2 * 256..30 * 256).contains(&depth[(600, 374)][0]));
     }
 }

@@ -209,6 +209,7 @@ mod tests {
             center_m: center_m.into(),
             size_m: Vector3::new(5.4, 2.0, 2.3),
             yaw_rad,
+            lane: None,
             lidar_points: 100,
             visibility: 0.5,
         }

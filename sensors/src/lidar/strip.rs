@@ -77,8 +77,8 @@ impl RoadStrip {
             paved_m: [left_m + PAVED_SHOULDER_M, right_m - PAVED_SHOULDER_M].map(|d| d as f32),
             dash_m: markings.dash_m as f32,
             dash_period_m: markings.dash_period_m.max(0.1) as f32,
-            asphalt: 0.17 + 0.3 * look.asphalt_albedo.clamp(0.0, 1.0) as f32,
-            paint: 0.75 - 0.4 * look.paint_wear.clamp(0.0, 1.0) as f32,
+            asphalt: 0.23 + 0.3 * look.asphalt_albedo.clamp(0.0, 1.0) as f32,
+            paint: 0.80 - 0.4 * look.paint_wear.clamp(0.0, 1.0) as f32,
             seed: (look.texture_seed ^ (look.texture_seed >> 32)) as u32,
         }
     }

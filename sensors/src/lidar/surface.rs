@@ -30,16 +30,16 @@ impl Surface {
     pub(super) fn of(material: Material) -> Self {
         match material {
             // Clear coat mirrors: dark paint seen from the side sends hardly anything back.
-            Material::CarPaint(rgb) => Self::solid(0.03 + 0.5 * luma(rgb), 0.2),
-            Material::Glass => Self::solid(0.10, 0.1),
+            Material::CarPaint(rgb) => Self::solid(0.03 + 0.58 * brightness(rgb), 0.3),
+            Material::Glass => Self::solid(0.12, 0.1),
             Material::Rubber => Self::solid(0.06, 0.5),
             Material::Reflector(_) => Self::solid(30.0, 1.0),
-            Material::Metal => Self::solid(0.35, 0.4),
-            Material::Concrete => Self::solid(0.36, 0.6),
-            Material::Plaster(rgb) => Self::solid(0.2 + 0.35 * luma(rgb), 0.6),
-            Material::Cloth(rgb) => Self::solid(0.15 + 0.4 * luma(rgb), 0.7),
+            Material::Metal => Self::solid(0.40, 0.4),
+            Material::Concrete => Self::solid(0.42, 0.6),
+            Material::Plaster(rgb) => Self::solid(0.22 + 0.32 * brightness(rgb), 0.6),
+            Material::Cloth(rgb) => Self::solid(0.15 + 0.35 * brightness(rgb), 0.7),
             Material::Foliage => Self {
-                albedo: 0.42,
+                albedo: 0.48,
                 rough: 0.8,
                 depth_m: 0.35,
                 gaps: 0.25,
@@ -52,7 +52,7 @@ impl Surface {
     pub(super) fn of_ground(ground: Ground, wetness: f32) -> Self {
         let dry = match ground {
             Ground::Asphalt(albedo) | Ground::Paint(albedo) => Self::solid(albedo, 0.33),
-            Ground::Grass => return Self::solid(0.38, 0.5),
+            Ground::Grass => return Self::solid(0.43, 0.5),
         };
         Self {
             albedo: dry.albedo * (1.0 - 0.4 * wetness),
@@ -67,8 +67,8 @@ impl Surface {
     }
 }
 
-/// Brightness of a colour in [0, 1], linear.
-fn luma(rgb: [u8; 3]) -> f32 {
-    let linear = rgb.map(|channel| (f32::from(channel) / 255.0).powi(2));
-    0.3 * linear[0] + 0.6 * linear[1] + 0.1 * linear[2]
+/// Brightness of a colour to the eye, in [0, 1]: infrared differs less between paints than light.
+fn brightness(rgb: [u8; 3]) -> f32 {
+    let [red, green, blue] = rgb.map(|channel| f32::from(channel) / 255.0);
+    0.3 * red + 0.6 * green + 0.1 * blue
 }

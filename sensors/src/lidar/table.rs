@@ -112,6 +112,8 @@ struct Table {
     clockwise: bool,
     range_m: f64,
     range_std_m: f64,
+    #[serde(default)]
+    range_bias_std_m: f64,
     blank_m: f64,
     weakest_return: f64,
     #[serde(default)]
@@ -204,6 +206,7 @@ impl Lidar {
             clockwise: table.clockwise,
             range_m: table.range_m,
             range_std_m: table.range_std_m,
+            range_bias_std_m: table.range_bias_std_m,
             blank_m: table.blank_m,
             weakest_return: table.weakest_return,
             lost_share: table.lost_share,
@@ -237,6 +240,12 @@ impl Table {
             (
                 "range_std_m",
                 self.range_std_m,
+                0.0..=10.0,
+                "between 0 and 10",
+            ),
+            (
+                "range_bias_std_m",
+                self.range_bias_std_m,
                 0.0..=10.0,
                 "between 0 and 10",
             ),

@@ -147,6 +147,7 @@ fn rolling(motion: Motion, mut scene: Scene) -> (Lidar, Scene) {
     let lidar = Lidar {
         motion,
         range_std_m: 0.0,
+        range_bias_std_m: 0.0,
         ..hdl64e()
     };
     (lidar, scene)

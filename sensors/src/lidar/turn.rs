@@ -17,13 +17,15 @@ const FLICKER: f32 = 0.25;
 const GRAIN: f32 = 0.02;
 /// Up to this multiple of the weakest return the reported reflectance is zero, from the other one
 /// on it is the surface's own.
-const FAINT: f32 = 3.0;
-const CLEAR: f32 = 15.0;
+const FAINT: f32 = 8.0;
+const CLEAR: f32 = 16.0;
+/// Reflectances up to this are reported as zero, and all others less by it.
+const DARK: f32 = 0.06;
 /// Shares of pulses that a pane reflects, and that pass it.
 const GLASS_REFLECTED: f32 = 0.12;
-const GLASS_PASSED: f32 = 0.45;
+const GLASS_PASSED: f32 = 0.5;
 /// Share of the pulses in a cabin that its seats send back, and how deep these lie behind a pane.
-const SEATS: f32 = 0.3;
+const SEATS: f32 = 0.45;
 const CABIN_M: [f32; 2] = [0.2, 1.0];
 const SEAT_ALBEDO: f32 = 0.1;
 /// Surfaces that a pulse may pass: panes and gaps between leaves.
@@ -41,6 +43,8 @@ struct TurnBeam {
     sensitivity: f32,
     /// Added to its reported reflectances.
     bias: f32,
+    /// Added to its ranges.
+    range_bias_m: f32,
 }
 
 /// Beams that leave the device at one height.
@@ -160,7 +164,8 @@ impl<'a> Turn<'a> {
                 let Some(reflectance) = self.receive(&back, beam, &mut draws) else {
                     continue;
                 };
-                let range_m = back.distance_m + self.lidar.range_std_m as f32 * draws.bell();
+                let noise_m = self.lidar.range_std_m as f32 * draws.bell();
+                let range_m = back.distance_m + beam.range_bias_m + noise_m;
                 let point = firing.lidar_from_column * beam.direction * range_m + height + undone_m;
                 found.points.push([point.x, point.y, point.z, reflectance]);
                 found.labels.push(back.label);
@@ -200,14 +205,15 @@ impl<'a> Turn<'a> {
             return None;
         }
         let clear = ((strength - FAINT) / (CLEAR - FAINT)).clamp(0.0, 1.0);
-        let reflectance = (back.reflectance + beam.bias + GRAIN * draws.bell()) * clear;
+        let reflectance = (back.reflectance - DARK + beam.bias + GRAIN * draws.bell()) * clear;
         let step = self.lidar.reflectance_step as f32;
-        let steps = if step > 0.0 {
-            (reflectance / step).round() * step
+        Some(if reflectance <= 0.0 {
+            0.0
+        } else if step > 0.0 {
+            ((reflectance / step).round() * step).min(BRIGHTEST)
         } else {
-            reflectance
-        };
-        Some(steps.clamp(0.0, BRIGHTEST))
+            reflectance.min(BRIGHTEST)
+        })
     }
 }
 
@@ -230,24 +236,24 @@ impl Pulse<'_> {
         for _ in 0..MOST_PASSED {
             let Some(met) = hit else {
                 let distance_m = seen.ground_m?;
-                return Some(self.from_ground(distance_m, transmission, near, draws));
+                return Some(self.off_ground(distance_m, transmission, near, draws));
             };
             let distance_m = passed_m + met.distance_m;
             if met.material == Material::Glass {
                 let fate = draws.uniform();
                 if fate < GLASS_REFLECTED {
-                    return Some(self.from_surface(&met, distance_m, transmission, draws));
+                    return Some(self.off_surface(&met, distance_m, transmission, draws));
                 }
                 if fate > GLASS_REFLECTED + GLASS_PASSED {
                     return None;
                 }
                 transmission *= 0.7;
-                let seat = self.from_cabin(&met, distance_m, transmission, draws);
+                let seat = self.off_cabin(&met, distance_m, transmission, draws);
                 if seat.is_some() {
                     return seat;
                 }
             } else if draws.uniform() >= Surface::of(met.material).gaps {
-                return Some(self.from_surface(&met, distance_m, transmission, draws));
+                return Some(self.off_surface(&met, distance_m, transmission, draws));
             }
             passed_m = distance_m + 0.01;
             let from = Point3::from(self.origin + self.direction * passed_m);
@@ -259,7 +265,7 @@ impl Pulse<'_> {
         None
     }
 
-    fn from_surface(
+    fn off_surface(
         &self,
         hit: &Hit,
         distance_m: f32,
@@ -283,7 +289,7 @@ impl Pulse<'_> {
     }
 
     /// What a seat sends back, unless the pulse misses it or has left the cabin before.
-    fn from_cabin(
+    fn off_cabin(
         &self,
         pane: &Hit,
         distance_m: f32,
@@ -307,7 +313,7 @@ impl Pulse<'_> {
         })
     }
 
-    fn from_ground(
+    fn off_ground(
         &self,
         distance_m: f32,
         transmission: f32,
@@ -344,6 +350,7 @@ fn banks(lidar: &Lidar) -> Vec<Bank> {
             direction: Vector3::new(across * ahead, across * left, up).cast(),
             sensitivity: (lidar.sensitivity_std as f32 * draws.bell()).exp(),
             bias: lidar.reflectance_std as f32 * draws.bell(),
+            range_bias_m: lidar.range_bias_std_m as f32 * draws.bell(),
         };
         let height_m = beam.height_m as f32;
         match banks.last_mut() {

@@ -37,8 +37,8 @@ impl Canopy {
         if shade <= 0.0 {
             return 1.0;
         }
-        let leaves = tile.at(self.seed ^ 89, x, y, 0.06, footprint_m.max(0.12));
-        let flecks = (1.8 * (leaves - 0.55)).clamp(0.0, 1.0);
+        let leaves = tile.at(self.seed ^ 89, x, y, 0.05, footprint_m.max(0.15));
+        let flecks = (1.5 * (leaves - 0.55)).clamp(0.0, 1.0);
         1.0 - shade * (1.0 - flecks)
     }
 }

@@ -24,6 +24,8 @@ const RAGGED_M: f64 = 0.25;
 const LITTER_M: f64 = 1.2;
 /// What water reflects that is looked at from above.
 const WATER_SPECULAR: f32 = 0.02;
+/// Stones rise from the water: no ray meets it flatter than this.
+const ROUGHNESS: f32 = 0.13;
 
 /// What one pixel sees of the ground.
 #[derive(Debug, Clone, Copy)]
@@ -97,7 +99,7 @@ impl Pavement {
         if self.beyond_pavement_m(patch.d_m) > 0.0 {
             return diffuse;
         }
-        let grazing = (1.0 + view.z).clamp(0.0, 1.0);
+        let grazing = (1.0 + view.z - ROUGHNESS).clamp(0.0, 1.0);
         let fresnel = WATER_SPECULAR + (1.0 - WATER_SPECULAR) * grazing.powi(5);
         // Dry stones shine a little too where one looks along the road.
         let film = self.film(patch, footprint_m).max(0.06);

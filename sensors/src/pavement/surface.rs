@@ -52,7 +52,7 @@ impl Surface {
             lane_width_m: paint.lane_width_m,
             profile: profile(paint, left_m, right_m, concrete, damage, seed),
             coarseness: 0.05 + 0.08 * draw(3),
-            stains: if concrete { 0.16 } else { 0.05 } * (0.3 + draw(4) + damage),
+            stains: if concrete { 0.24 } else { 0.05 } * (0.3 + draw(4) + damage),
             damage: Damage::new(damage, seed),
             seed,
         }
@@ -62,11 +62,11 @@ impl Surface {
         let (tile, [x, y]) = (Tile::shared(), patch.plane());
         let grain = tile.at(self.seed ^ 3, x, y, 0.012, footprint_m);
         let blotches = tile.at(self.seed ^ 7, x, y, 0.21, footprint_m);
-        let along = 0.12 * patch.s_m as f32;
+        let along = 0.06 * patch.s_m as f32;
         let streaks = tile.at(self.seed ^ 13, along, patch.d_m as f32, 0.07, footprint_m);
         // Stains are dark and have edges; the rest of the surface is even.
-        let stained = (0.5 * blotches + streaks - 0.3).clamp(0.0, 1.2);
-        let tone = 1.0 + 1.4 * self.coarseness * grain + 0.05 * blotches + 0.03 * streaks
+        let stained = (0.4 * blotches + streaks - 0.5).clamp(0.0, 1.5);
+        let tone = 1.0 + 1.4 * self.coarseness * grain + 0.025 * blotches + 0.035 * streaks
             - self.stains * stained
             + self.across(patch, streaks)
             + self.slab(patch);

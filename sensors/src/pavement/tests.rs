@@ -23,12 +23,13 @@ fn freshly_painted(style: MarkStyle) -> Scene {
     scene
 }
 
-/// Share of paint at distances to the left of the second mark.
-fn paint_across<const N: usize>(scene: &Scene, from_mark_m: [f64; N]) -> [f32; N] {
+/// Percentage of paint at distances to the left of the second mark.
+fn paint_across<const N: usize>(scene: &Scene, from_mark_m: [f64; N]) -> [u8; N] {
     let paint = Paint::new(scene, 1);
     from_mark_m.map(|offset_m| {
         let patch = patch(100.0, 1.75 + offset_m, 0.002);
-        paint.cover(&patch, 0.002).map_or(0.0, |(_, share)| share)
+        let share = paint.cover(&patch, 0.002).map_or(0.0, |(_, share)| share);
+        (100.0 * share).round() as u8
     })
 }
 
@@ -44,11 +45,11 @@ fn a_stripe_covers_its_share_of_a_wide_patch() {
 fn marks_have_the_profile_of_their_style() {
     let across = [-0.2, -0.15, -0.1, 0.0, 0.07, 0.08, 0.2, 0.24];
     let solid = paint_across(&freshly_painted(MarkStyle::Solid), across);
-    assert_eq!(solid, [0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0]);
+    assert_eq!(solid, [0, 0, 0, 100, 100, 0, 0, 0]);
     let double = paint_across(&freshly_painted(MarkStyle::Double), across);
-    assert_eq!(double, [1.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0]);
+    assert_eq!(double, [100, 100, 100, 0, 0, 100, 100, 0]);
     let none = paint_across(&freshly_painted(MarkStyle::None), across);
-    assert_eq!(none, [0.0; 8]);
+    assert_eq!(none, [0; 8]);
 }
 
 #[test]

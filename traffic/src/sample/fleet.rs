@@ -1,4 +1,4 @@
-use nalgebra::Vector3;
+use covista_world::ObjectClass;
 use rand::Rng;
 
 use crate::VehicleModel;
@@ -38,7 +38,7 @@ pub(crate) fn draw_model(rng: &mut impl Rng) -> VehicleModel {
 
 /// A realistic paint: vans and trucks are mostly white.
 pub(crate) fn draw_paint(model: VehicleModel, rng: &mut impl Rng) -> [u8; 3] {
-    let large = matches!(model, VehicleModel::Van | VehicleModel::Truck);
+    let large = model.class() == ObjectClass::Truck;
     let base = if large && rng.random_bool(0.6) {
         PAINTS[0].1
     } else {
@@ -53,9 +53,4 @@ pub(crate) fn draw_paint(model: VehicleModel, rng: &mut impl Rng) -> [u8; 3] {
             .map_or([128; 3], |(_, color)| *color)
     };
     base.map(|channel| channel.saturating_add_signed(rng.random_range(-12..=12)))
-}
-
-/// Length, width and height as multiples of the model's.
-pub(super) fn draw_scale(_model: VehicleModel, _rng: &mut impl Rng) -> Vector3<f64> {
-    Vector3::repeat(1.0)
 }

@@ -72,7 +72,7 @@ impl Side {
             side,
             curb_m: half_road_m + extra_m,
             curb_height_m,
-            sidewalk_m: rng.random_range(1.3..4.5),
+            sidewalk_m: rng.random_range(0.9..3.8),
             parking,
         }
     }
@@ -124,7 +124,7 @@ impl Side {
         model: VehicleModel,
         turned: bool,
     ) -> Slot {
-        let askew = if rng.random_bool(0.1) { 0.12 } else { 0.02 };
+        let askew = if rng.random_bool(0.2) { 0.12 } else { 0.02 };
         let jitter = normal(rng, askew);
         let gap_m = rng.random_range(0.1..0.45);
         let onto_m = rng.random_range(-0.2..0.6);
@@ -215,10 +215,11 @@ fn draw_vehicles(
 ) -> Vec<SceneVehicle> {
     let (road, mut vehicles) = (&course.road, Vec::new());
     let ego_d_m = road.lane_center_m(driven.ego_lane) + normal(rng, 0.1);
+    let wander_rad = if rng.random_bool(0.2) { 0.08 } else { 0.02 };
     let ego = Slot {
         model: fleet::draw_car(rng),
         scale: Vector3::repeat(1.0),
-        pose: road.pose_from_frenet(course.ego_s_m, ego_d_m, normal(rng, 0.02)),
+        pose: road.pose_from_frenet(course.ego_s_m, ego_d_m, normal(rng, wander_rad)),
         speed_mps: rng.random_range(0.0..14.0),
     };
     add(rng, &mut vehicles, &ego);
