@@ -14,6 +14,8 @@ const KITTI_SHARE: f64 = 0.3;
 pub struct Rig {
     /// The camera, and where both sensors sit.
     pub calibration: Calibration,
+    /// How the camera turns light into a picture.
+    pub camera: CameraSettings,
     /// Whether the scene moves while the LIDAR turns.
     pub lidar_motion: Motion,
     /// Which specimen of the LIDAR.
@@ -40,6 +42,7 @@ pub fn sample_rig(seed: u64, index: u64) -> Rig {
     };
     Rig {
         calibration,
+        camera: CameraSettings::draw(&mut rng),
         lidar_motion,
         lidar_specimen,
         camera: CameraSettings::draw(&mut rng),
@@ -50,7 +53,7 @@ pub fn sample_rig(seed: u64, index: u64) -> Rig {
 fn draw_calibration(rng: &mut impl Rng) -> Calibration {
     let kitti = Calibration::kitti();
     let lidar_up_m = rng.random_range(-0.08..0.08);
-    let lidar_tilt = tilt(rng, [0.4, 0.5, 0.5]) * pitch_up(0.3);
+    let lidar_tilt = tilt(rng, [0.4, 0.4, 0.5]);
     let camera_up_m = rng.random_range(-0.55..0.15);
     let camera_ahead_m = rng.random_range(-0.2..0.4);
     let camera_tilt = tilt(rng, [0.7, 1.5, 1.5]);
@@ -90,10 +93,6 @@ fn tilt(rng: &mut impl Rng, deviations_deg: [f64; 3]) -> UnitQuaternion<f64> {
         (draw.clamp(-2.5, 2.5) * deviation_deg).to_radians()
     });
     UnitQuaternion::from_euler_angles(roll, pitch, yaw)
-}
-
-fn pitch_up(degrees: f64) -> UnitQuaternion<f64> {
-    UnitQuaternion::from_axis_angle(&Vector3::y_axis(), -degrees.to_radians())
 }
 
 /// A mounting moved by `offset_m` and turned by `tilt`, both in the vehicle frame.

@@ -5,6 +5,7 @@ mod fleet;
 mod freeway;
 mod ground;
 mod look;
+mod mix;
 mod plots;
 mod roadside;
 mod sidewalk;

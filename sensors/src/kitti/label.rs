@@ -49,7 +49,14 @@ impl KittiLabel {
             kind: match truth.model {
                 VehicleModel::Van | VehicleModel::Transporter => "Van",
                 VehicleModel::Truck | VehicleModel::Bus => "Truck",
-                _ => "Car",
+                VehicleModel::Sedan
+                | VehicleModel::Suv
+                | VehicleModel::Hatchback
+                | VehicleModel::CityCar
+                | VehicleModel::TwoSeater
+                | VehicleModel::Wagon
+                | VehicleModel::Minivan
+                | VehicleModel::Pickup => "Car",
             }
             .to_owned(),
             truncated,

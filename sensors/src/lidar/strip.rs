@@ -123,8 +123,8 @@ impl RoadStrip {
                 self.first_s_m + *near as f32 * SPACING_M + along_m,
                 y - 0.5 * node.curvature_per_m * x * x / bend,
             );
-            let steps = (along_m / SPACING_M).round() as isize;
-            let next = near.saturating_add_signed(steps).min(last);
+            let next = (*near as f32 + along_m / SPACING_M + 0.5).max(0.0) as usize;
+            let next = next.min(last);
             if next == *near {
                 break;
             }
@@ -134,8 +134,8 @@ impl RoadStrip {
     }
 
     fn in_dash(&self, s_m: f32) -> bool {
-        let phase_m = self.dash_period_m * uniform(self.seed, 4, 7919);
-        (s_m - phase_m).rem_euclid(self.dash_period_m) < self.dash_m
+        let periods = s_m / self.dash_period_m - uniform(self.seed, 4, 7919);
+        (periods - periods.floor()) * self.dash_period_m < self.dash_m
     }
 }
 

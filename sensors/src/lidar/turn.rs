@@ -210,7 +210,7 @@ impl<'a> Turn<'a> {
         Some(if reflectance <= 0.0 {
             0.0
         } else if step > 0.0 {
-            ((reflectance / step).round() * step).min(BRIGHTEST)
+            (((reflectance / step + 0.5) as u32) as f32 * step).min(BRIGHTEST)
         } else {
             reflectance.min(BRIGHTEST)
         })

@@ -7,8 +7,9 @@ use crate::{ConvexPart, Material};
 const UPHOLSTERY: Material = Material::Cloth([46, 46, 50]);
 /// The coat lies this far below lamps, plates and the outer dimensions.
 const COAT_DEPTH_M: f64 = 0.004;
-/// A pane lies this far below the pillars, and is as thick.
+/// A pane lies this far below the pillars.
 const PANE_DEPTH_M: f64 = 0.01;
+const PANE_THICKNESS_M: f64 = 0.03;
 const DOOR_THICKNESS_M: f64 = 0.14;
 const PLATE_M: [f64; 2] = [0.52, 0.11];
 
@@ -39,10 +40,11 @@ pub(super) struct CarShape {
     pub(super) tumblehome_m: f64,
     /// Thickness of the rearmost pillars along the car.
     pub(super) rear_pillar_m: f64,
-    /// The other pillars and the backs of the front and the rear seats, metres behind the front
-    /// axle.
+    /// The other pillars, the backs of the front seats and those of the benches behind them,
+    /// metres behind the front axle.
     pub(super) posts_m: &'static [f64],
-    pub(super) seats_m: &'static [f64],
+    pub(super) seats_m: f64,
+    pub(super) benches_m: &'static [f64],
 }
 
 /// A shape in the vehicle frame.
@@ -106,6 +108,9 @@ impl<'a> Drawing<'a> {
             ..
         } = *self;
         let clearance_m = shape.clearance_m;
+        // Upright ends are squarer.
+        let front_m = (nose_m - self.size.wheelbase_m).min(0.9).min(shape.cowl[0]);
+        let rear_m = (-tail_m).min(0.9).min(6.0 * shape.window_base[0]);
         Solid::default()
             .side_view(&[
                 [tail_m + 0.12, clearance_m],
@@ -122,19 +127,18 @@ impl<'a> Drawing<'a> {
             ])
             .plan_view(&[
                 [tail_m, 0.62 * half_m],
-                [tail_m + 0.10, 0.86 * half_m],
-                [tail_m + 0.38, 0.965 * half_m],
-                [tail_m + 0.95, half_m],
-                [nose_m - 0.95, half_m],
-                [nose_m - 0.42, 0.95 * half_m],
-                [nose_m - 0.14, 0.82 * half_m],
-                [nose_m, 0.50 * half_m],
+                [tail_m + 0.13 * rear_m, 0.86 * half_m],
+                [tail_m + 0.45 * rear_m, 0.965 * half_m],
+                [tail_m + 1.10 * rear_m, half_m],
+                [nose_m - 1.15 * front_m, half_m],
+                [nose_m - 0.56 * front_m, 0.95 * half_m],
+                [nose_m - 0.21 * front_m, 0.80 * half_m],
+                [nose_m, 0.45 * half_m],
             ])
             .section_view(&[
                 [half_m - 0.05, self.belt_m],
-                [half_m, self.arch_m + 0.04],
-                [half_m - 0.015, self.arch_m - 0.2],
-                [half_m - 0.07, clearance_m],
+                [half_m, self.arch_m],
+                [half_m - 0.05, clearance_m],
             ])
     }
 
@@ -162,7 +166,7 @@ impl<'a> Drawing<'a> {
             Material::Rubber,
             [self.tail_m + 0.35, self.nose_m - 0.40],
             [-inner_m, inner_m],
-            [self.shape.clearance_m + 0.02, self.arch_m + 0.005],
+            [self.shape.clearance_m + 0.02, self.arch_m + 0.02],
         ));
         parts
     }
@@ -190,21 +194,21 @@ impl<'a> Drawing<'a> {
         ];
         let house = Solid::default()
             .side_view(&[base, roof_end, peak, screen_top, cowl, base])
-            .plan_view(&[[base[0], 0.80 * half_m], [base[0] + 0.50, 0.95 * half_m]])
-            .plan_view(&[[cowl[0] - 0.60, 0.96 * half_m], [cowl[0], 0.74 * half_m]])
+            .plan_view(&[[base[0], 0.85 * half_m], [base[0] + 0.40, 0.95 * half_m]])
+            .plan_view(&[[cowl[0] - 0.50, 0.96 * half_m], [cowl[0], 0.88 * half_m]])
             .section_view(&[[roof_half_m - 0.20, height_m], flank[0], flank[1]]);
         let eaves_m = screen_top[1].min(roof_end[1]) - 0.05;
         let below = house.clone().z([0.0, eaves_m]);
         let glass = house.inset(PANE_DEPTH_M).z([0.0, eaves_m]);
         let left = Plane::section(flank);
         let (screen, rear) = (Plane::side(self.screen), Plane::side(self.rear_window));
-        let pane = |plane| glass.clone().within(2.0 * PANE_DEPTH_M, plane);
-        let mut parts = vec![house.clone().z([eaves_m, height_m]).part(PAINT)];
+        let pane = |plane| glass.clone().within(PANE_DEPTH_M + PANE_THICKNESS_M, plane);
+        let mut parts = vec![house.z([eaves_m, height_m]).part(PAINT)];
         parts.extend(
             [left, left.mirrored(), screen, rear].map(|plane| pane(plane).part(Material::Glass)),
         );
         for flank in [left, left.mirrored()] {
-            let side = below.clone().within(0.10, flank);
+            let side = below.clone().within(0.16, flank);
             parts.push(side.clone().within(0.10, screen).part(PAINT));
             parts.push(side.clone().within(shape.rear_pillar_m, rear).part(PAINT));
             parts.extend(shape.posts_m.iter().map(|post_m| {
@@ -216,35 +220,29 @@ impl<'a> Drawing<'a> {
         parts
     }
 
-    /// Dashboard, cushions and backs of seats.
+    /// Dashboard and backs of seats.
     fn interior(&self) -> Vec<ConvexPart> {
-        let [rear_m, front_m] = self.cabin_m;
+        let front_m = self.cabin_m[1];
         let inner_m = self.half_m - DOOR_THICKNESS_M;
         let floor_m = self.arch_m;
         let dash_m = self.shape.cowl[1] - 0.03;
-        let mut parts = vec![
-            block(
-                UPHOLSTERY,
-                [front_m - 0.45, front_m],
-                [-inner_m, inner_m],
-                [floor_m, dash_m],
-            ),
-            block(
-                UPHOLSTERY,
-                [rear_m, front_m - 0.45],
-                [-inner_m, inner_m],
-                [floor_m, floor_m + 0.02],
-            ),
-        ];
-        for back_m in self.shape.seats_m {
+        let mut parts = vec![block(
+            UPHOLSTERY,
+            [front_m - 0.45, front_m],
+            [-inner_m, inner_m],
+            [floor_m, dash_m],
+        )];
+        let z = [floor_m, self.belt_m + 0.16];
+        let along = |back_m: f64| {
             let x = self.size.wheelbase_m - back_m;
-            parts.extend(pair(
-                UPHOLSTERY,
-                [x - 0.14, x],
-                [0.12, 0.80 * inner_m],
-                [floor_m, self.belt_m + 0.16],
-            ));
-        }
+            [x - 0.14, x]
+        };
+        let x = along(self.shape.seats_m);
+        parts.extend(pair(UPHOLSTERY, x, [0.12, 0.80 * inner_m], z));
+        parts.extend(self.shape.benches_m.iter().map(|&bench_m| {
+            let half_m = 0.84 * inner_m;
+            block(UPHOLSTERY, along(bench_m), [-half_m, half_m], z)
+        }));
         parts
     }
 

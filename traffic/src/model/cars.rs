@@ -4,7 +4,7 @@ pub(super) const SEDAN: CarShape = CarShape {
     clearance_m: 0.17,
     wheel_radius_m: 0.31,
     bumper_m: [0.30, 0.54],
-    bonnet_edge: [0.16, 0.72],
+    bonnet_edge: [0.18, 0.77],
     cowl: [1.40, 0.96],
     screen_top: [2.22, 1.38],
     roof_end: [1.25, 1.36],
@@ -16,14 +16,15 @@ pub(super) const SEDAN: CarShape = CarShape {
     tumblehome_m: 0.25,
     rear_pillar_m: 0.14,
     posts_m: &[1.30],
-    seats_m: &[1.55, 2.40],
+    seats_m: 1.55,
+    benches_m: &[2.40],
 };
 
 pub(super) const SUV: CarShape = CarShape {
     clearance_m: 0.22,
     wheel_radius_m: 0.36,
     bumper_m: [0.36, 0.68],
-    bonnet_edge: [0.14, 0.92],
+    bonnet_edge: [0.16, 0.97],
     cowl: [1.25, 1.12],
     screen_top: [2.00, 1.62],
     roof_end: [0.40, 1.63],
@@ -35,7 +36,8 @@ pub(super) const SUV: CarShape = CarShape {
     tumblehome_m: 0.22,
     rear_pillar_m: 0.22,
     posts_m: &[1.30, 2.25],
-    seats_m: &[1.55, 2.45],
+    seats_m: 1.55,
+    benches_m: &[2.45],
 };
 
 /// A compact car with a tailgate.
@@ -43,7 +45,7 @@ pub(super) const HATCHBACK: CarShape = CarShape {
     clearance_m: 0.16,
     wheel_radius_m: 0.30,
     bumper_m: [0.30, 0.54],
-    bonnet_edge: [0.17, 0.73],
+    bonnet_edge: [0.18, 0.81],
     cowl: [0.98, 0.94],
     screen_top: [1.72, 1.40],
     roof_end: [0.48, 1.38],
@@ -55,7 +57,8 @@ pub(super) const HATCHBACK: CarShape = CarShape {
     tumblehome_m: 0.22,
     rear_pillar_m: 0.24,
     posts_m: &[1.30],
-    seats_m: &[1.50, 2.35],
+    seats_m: 1.50,
+    benches_m: &[2.35],
 };
 
 /// A short car with four seats.
@@ -63,7 +66,7 @@ pub(super) const CITY_CAR: CarShape = CarShape {
     clearance_m: 0.16,
     wheel_radius_m: 0.27,
     bumper_m: [0.28, 0.56],
-    bonnet_edge: [0.14, 0.74],
+    bonnet_edge: [0.15, 0.82],
     cowl: [0.76, 0.95],
     screen_top: [1.36, 1.40],
     roof_end: [0.26, 1.38],
@@ -75,7 +78,8 @@ pub(super) const CITY_CAR: CarShape = CarShape {
     tumblehome_m: 0.20,
     rear_pillar_m: 0.20,
     posts_m: &[1.35],
-    seats_m: &[1.40, 2.20],
+    seats_m: 1.40,
+    benches_m: &[2.20],
 };
 
 /// A car with two seats, as short as a parking space is wide.
@@ -83,7 +87,7 @@ pub(super) const TWO_SEATER: CarShape = CarShape {
     clearance_m: 0.16,
     wheel_radius_m: 0.28,
     bumper_m: [0.30, 0.58],
-    bonnet_edge: [0.12, 0.80],
+    bonnet_edge: [0.13, 0.86],
     cowl: [0.52, 0.99],
     screen_top: [1.05, 1.46],
     roof_end: [0.30, 1.46],
@@ -95,14 +99,15 @@ pub(super) const TWO_SEATER: CarShape = CarShape {
     tumblehome_m: 0.19,
     rear_pillar_m: 0.26,
     posts_m: &[],
-    seats_m: &[1.25],
+    seats_m: 1.25,
+    benches_m: &[],
 };
 
 pub(super) const WAGON: CarShape = CarShape {
     clearance_m: 0.16,
     wheel_radius_m: 0.31,
     bumper_m: [0.30, 0.54],
-    bonnet_edge: [0.17, 0.72],
+    bonnet_edge: [0.18, 0.78],
     cowl: [1.26, 0.95],
     screen_top: [2.06, 1.40],
     roof_end: [0.52, 1.40],
@@ -114,7 +119,8 @@ pub(super) const WAGON: CarShape = CarShape {
     tumblehome_m: 0.24,
     rear_pillar_m: 0.16,
     posts_m: &[1.30, 2.30],
-    seats_m: &[1.55, 2.45],
+    seats_m: 1.55,
+    benches_m: &[2.45],
 };
 
 /// A tall family car, its bonnet in line with its windscreen.
@@ -122,7 +128,7 @@ pub(super) const MINIVAN: CarShape = CarShape {
     clearance_m: 0.17,
     wheel_radius_m: 0.31,
     bumper_m: [0.30, 0.58],
-    bonnet_edge: [0.18, 0.82],
+    bonnet_edge: [0.18, 0.88],
     cowl: [0.92, 1.06],
     screen_top: [1.80, 1.54],
     roof_end: [0.38, 1.54],
@@ -134,7 +140,8 @@ pub(super) const MINIVAN: CarShape = CarShape {
     tumblehome_m: 0.23,
     rear_pillar_m: 0.18,
     posts_m: &[1.30, 2.30],
-    seats_m: &[1.45, 2.35],
+    seats_m: 1.45,
+    benches_m: &[2.35],
 };
 
 /// Its load bed is covered.
@@ -154,7 +161,8 @@ pub(super) const PICKUP: CarShape = CarShape {
     tumblehome_m: 0.22,
     rear_pillar_m: 0.16,
     posts_m: &[1.40],
-    seats_m: &[1.60, 2.35],
+    seats_m: 1.60,
+    benches_m: &[2.35],
 };
 
 /// A small bus for goods or people.
@@ -174,7 +182,8 @@ pub(super) const TRANSPORTER: CarShape = CarShape {
     tumblehome_m: 0.19,
     rear_pillar_m: 0.14,
     posts_m: &[1.15, 2.30],
-    seats_m: &[1.20, 2.20],
+    seats_m: 1.20,
+    benches_m: &[2.20],
 };
 
 /// A city bus.
@@ -193,6 +202,7 @@ pub(super) const BUS: CarShape = CarShape {
     tail_lamp_m: [0.96, 1.26],
     tumblehome_m: 0.13,
     rear_pillar_m: 0.30,
-    posts_m: &[-1.30, 0.9, 2.5, 4.1, 5.7, 7.3],
-    seats_m: &[-1.0, 1.6, 3.2, 4.8],
+    posts_m: &[-1.30, 1.6, 4.5],
+    seats_m: -1.0,
+    benches_m: &[1.6, 4.0],
 };

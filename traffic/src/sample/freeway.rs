@@ -7,6 +7,7 @@ use super::{
     Draft,
     course::Course,
     fleet, ground,
+    mix::Mix,
     roadside::{self, Verge},
     site::Site,
     traffic::{DrivenLane, Slot, add, draw_slots, normal},
@@ -152,7 +153,12 @@ fn draw_vehicles(rng: &mut impl Rng, course: &Course, ways: &Carriageways) -> Ve
     add(rng, &mut vehicles, &ego);
     let lanes = ways.lanes(road.lane_width_m());
     let reach_m = TRAFFIC_M.map(|reach_m| course.ego_s_m + reach_m);
-    let mut slots = draw_slots(rng, road, &lanes, reach_m);
+    let mix = if rng.random_bool(0.5) {
+        Mix::European
+    } else {
+        Mix::American
+    };
+    let mut slots = draw_slots(rng, road, &lanes, mix, reach_m);
     let share = lanes.len() as f64 / f64::from(LANE_COUNT);
     let wanted = 1 + (f64::from(rng.random_range(3..=25)) * share) as usize;
     while vehicles.len() < wanted.min(VEHICLES_MAX) && !slots.is_empty() {

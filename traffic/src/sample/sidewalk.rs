@@ -42,7 +42,7 @@ struct Walk<'a, 'b> {
 
 impl Walk<'_, '_> {
     /// Sets a body down on the sidewalk, `in_m` behind the curb, turned from the road's heading.
-    fn stand(&mut self, s_m: f64, in_m: f64, turn_rad: f64, body: crate::Body) -> bool {
+    fn stand(&mut self, s_m: f64, in_m: f64, turn_rad: f64, body: crate::Body) {
         let d_m = self.side.side * (self.side.curb_m + in_m);
         let pose = self.site.road.pose_from_frenet(s_m, d_m, turn_rad);
         let on_curb = in_m > 0.0 && in_m < self.side.sidewalk_m;
@@ -51,7 +51,7 @@ impl Walk<'_, '_> {
         } else {
             0.0
         };
-        self.site.raise(pose, body, curb_m)
+        self.site.raise(pose, body, curb_m);
     }
 
     fn anywhere_m(&self, rng: &mut impl Rng) -> f64 {

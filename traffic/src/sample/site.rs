@@ -24,55 +24,52 @@ impl Site<'_> {
     /// pieces that are in the way are left out.
     pub fn along(&mut self, body: Body) {
         let mut parts = body.parts;
-        parts.retain(|part| !self.obstructs(part));
         for vertex in parts.iter_mut().flat_map(|part| &mut part.vertices) {
             vertex.z += self.terrain.height_m(vertex.xy().coords);
         }
+        parts.retain(|part| !self.obstructs(part));
         if !parts.is_empty() {
             self.bodies.push(Body { parts });
         }
     }
 
     /// Sets a body down at a pose, on the lowest ground below its foot, unless it is in the way.
-    pub fn stand(&mut self, pose: Se2Pose, body: Body) -> bool {
-        self.raise(pose, body, 0.0)
+    pub fn stand(&mut self, pose: Se2Pose, body: Body) {
+        self.raise(pose, body, 0.0);
     }
 
     /// As [`Site::stand`], on a sidewalk `curb_m` above the ground.
-    pub fn raise(&mut self, pose: Se2Pose, body: Body, curb_m: f64) -> bool {
-        let body = body.at(pose, 0.0);
-        if body.parts.iter().any(|part| self.obstructs(part)) {
-            return false;
-        }
+    pub fn raise(&mut self, pose: Se2Pose, body: Body, curb_m: f64) {
+        let body = body.at(pose, curb_m);
         let ground_m = body
             .parts
             .iter()
             .flat_map(|part| &part.vertices)
-            .filter(|vertex| vertex.z < 0.3)
+            .filter(|vertex| vertex.z < curb_m + 0.3)
             .map(|vertex| self.terrain.height_m(vertex.xy().coords))
-            .fold(f64::INFINITY, f64::min);
-        let ground_m = if ground_m.is_finite() { ground_m } else { 0.0 };
-        self.bodies
-            .push(body.at(Se2Pose::default(), ground_m + curb_m));
-        true
+            .fold(self.terrain.height_m(pose.position()), f64::min);
+        self.keep(body.at(Se2Pose::default(), ground_m));
     }
 
     /// Sets a body that spans the road at a pose on the road, at the height of the ground there.
-    pub fn span(&mut self, pose: Se2Pose, body: Body) -> bool {
+    pub fn span(&mut self, pose: Se2Pose, body: Body) {
         let ground_m = self.terrain.height_m(pose.position());
-        let body = body.at(pose, 0.0);
-        if body.parts.iter().any(|part| self.obstructs(part)) {
-            return false;
-        }
-        self.bodies.push(body.at(Se2Pose::default(), ground_m));
-        true
+        self.keep(body.at(pose, ground_m));
     }
 
-    /// Whether a part, on a ground of height 0, is in the way of vehicles or on the driven lanes.
+    fn keep(&mut self, body: Body) {
+        if !body.parts.iter().any(|part| self.obstructs(part)) {
+            self.bodies.push(body);
+        }
+    }
+
+    /// Whether a part, in its place, is in the way of vehicles or on the driven lanes.
     fn obstructs(&self, part: &ConvexPart) -> bool {
-        let extent =
-            |of: fn(f64, f64) -> f64, from: f64| part.vertices.iter().map(|v| v.z).fold(from, of);
-        if extent(f64::min, f64::MAX) > HEADROOM_M {
+        let heights_m = || {
+            let vertices = part.vertices.iter();
+            vertices.map(|vertex| vertex.z - self.terrain.height_m(vertex.xy().coords))
+        };
+        if heights_m().fold(f64::MAX, f64::min) > HEADROOM_M {
             return false;
         }
         let mut outline: Vec<Vector2<f64>> = Vec::with_capacity(part.vertices.len());
@@ -87,7 +84,7 @@ impl Site<'_> {
             .iter()
             .map(|point| (point - center).norm())
             .fold(0.0, f64::max);
-        let is_step = extent(f64::max, f64::MIN) < STEP_M;
+        let is_step = heights_m().fold(f64::MIN, f64::max) < STEP_M;
         self.is_on_driven_lanes(&outline, center, radius_m)
             || (!is_step
                 && self

@@ -9,7 +9,9 @@ use rand::Rng;
 use super::{
     Draft,
     course::Course,
-    fleet, ground, plots,
+    fleet, ground,
+    mix::Mix,
+    plots,
     plots::Plot,
     sidewalk,
     site::Site,
@@ -94,7 +96,7 @@ impl Side {
         let against = rng.random_range(0.0..0.5);
         let mut s_m = from_m + rng.random_range(0.0..5.0);
         while s_m < to_m && self.parking != Parking::None {
-            let model = draw_street_model(rng);
+            let model = Mix::European.draw_model(rng);
             let turned = rng.random_bool(if self.side > 0.0 {
                 1.0 - against
             } else {
@@ -241,7 +243,7 @@ fn draw_vehicles(
         .chain(driven.oncoming.map(|other| lane(other, true)))
         .collect();
     let reach_m = PARKED_M.map(|reach_m| course.ego_s_m + reach_m);
-    let mut moving = draw_slots(rng, road, &lanes, reach_m);
+    let mut moving = draw_slots(rng, road, &lanes, Mix::European, reach_m);
     for _ in 0..rng.random_range(0..5) {
         if !moving.is_empty() {
             let mut slot = moving.swap_remove(rng.random_range(0..moving.len()));
@@ -264,23 +266,13 @@ fn draw_driveway_car(rng: &mut impl Rng, road: &Road, side: &Side, plot: &Plot) 
     } else {
         -FRAC_PI_2
     } + normal(rng, 0.05);
-    let model = draw_street_model(rng);
+    let model = Mix::European.draw_model(rng);
     Slot::new(rng, model, 0.0, |size| {
         let d_m = side.side * (out_m + size.length_m / 2.0);
         let center = road.pose_from_frenet(plot.driveway_m(), d_m, yaw_rad);
         let axle_m = size.rear_overhang_m - size.length_m / 2.0;
         center.compose(covista_world::Se2Pose::new(axle_m, 0.0, 0.0))
     })
-}
-
-/// As anywhere, but fewer trucks.
-fn draw_street_model(rng: &mut impl Rng) -> VehicleModel {
-    let model = fleet::draw_model(rng);
-    if model == VehicleModel::Truck && rng.random_bool(0.8) {
-        fleet::draw_car(rng)
-    } else {
-        model
-    }
 }
 
 /// Mostly none; else a dashed line between the two directions, edge lines, or both.

@@ -3,7 +3,8 @@ use nalgebra::Vector3;
 use rand::Rng;
 use rand_distr::{Distribution, Normal};
 
-use super::fleet::{draw_model, draw_paint, draw_scale};
+use super::fleet::draw_paint;
+use super::mix::{Mix, draw_scale};
 use crate::{Footprint, SceneVehicle, VehicleId, VehicleModel};
 
 const CLEARANCE_M: f64 = 0.3;
@@ -121,6 +122,7 @@ pub(super) fn draw_slots(
     rng: &mut impl Rng,
     road: &Road,
     lanes: &[DrivenLane],
+    mix: Mix,
     [from_m, to_m]: [f64; 2],
 ) -> Vec<Slot> {
     let mut slots = Vec::new();
@@ -128,7 +130,7 @@ pub(super) fn draw_slots(
         let flow = Flow::draw(rng);
         let mut free_m = from_m + rng.random_range(0.0..20.0);
         while free_m < to_m {
-            let model = draw_model(rng);
+            let model = mix.draw_model(rng);
             let speed_mps = flow.speed_mps(rng);
             let (offset_m, psi_rad) = draw_offset(rng, road, lane, speed_mps);
             let slot = Slot::new(rng, model, speed_mps, |size| {
