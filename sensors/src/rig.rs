@@ -20,8 +20,6 @@ pub struct Rig {
     pub lidar_motion: Motion,
     /// Which specimen of the LIDAR.
     pub lidar_specimen: u64,
-    /// How the camera turns light into a picture.
-    pub camera: CameraSettings,
 }
 
 /// The rig of frame `index` in the data set `seed`, reproducible from these two alone; its
@@ -45,7 +43,6 @@ pub fn sample_rig(seed: u64, index: u64) -> Rig {
         camera: CameraSettings::draw(&mut rng),
         lidar_motion,
         lidar_specimen,
-        camera: CameraSettings::draw(&mut rng),
     }
 }
 
