@@ -71,8 +71,8 @@ fn parse(mut arguments: impl Iterator<Item = String>) -> Result<DatasetSpec, Str
                 spec.truth = value.split(',').map(str::parse).collect::<Result<_, _>>()?;
             }
             "--calibration" => {
-                let loaded =
-                    Calibration::load(value.as_ref()).map_err(|error| error.to_string())?;
+                let loaded = Calibration::load(value.as_ref())
+                    .map_err(|error| format!("in {value}: {error}"))?;
                 spec.calibration = Some(loaded);
             }
             "--lidar" => spec.lidar = lidar_of(&value).map_err(|error| error.to_string())?,

@@ -269,8 +269,9 @@ fn truth_of_points_and_pixels_is_written_on_request() {
         };
         let (depth, instance) = (image("depth_2"), image("instance_2"));
         assert_eq!(depth.dimensions(), (1242, 375));
-        // The sky has no depth and no object; the road before the bonnet is some metres away.
-        assert_eq!((depth[(600, 0)][0], instance[(600, 0)][0]), (0, 0));
+        // What is seen is somewhere; the road before the bonnet is some metres away.
+        let mut pixels = depth.pixels().zip(instance.pixels());
+        assert!(pixels.all(|(depth, instance)| instance[0] == 0 || depth[0] > 0));
         assert!((2 * 256..30 * 256).contains(&depth[(600, 374)][0]));
     }
 }
