@@ -1,7 +1,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use covista_sensors::{Format, Split};
+use covista_sensors::{Format, Split, TruthFile};
 
 /// Cooperative vision, planning and safe control of connected vehicles, on a laptop.
 ///
@@ -115,6 +115,16 @@ pub struct DatasetArgs {
     /// Layouts, of kitti, tusimple and mcap (made from KITTI's files, which then are written, too)
     #[arg(long, value_delimiter = ',', default_value = "kitti,tusimple")]
     pub format: Vec<Format>,
+    /// Truth beyond the layouts', of points (what each was measured on, as SemanticKITTI's), depth
+    /// and instance (16-bit pictures)
+    #[arg(long, value_delimiter = ',')]
+    pub truth: Vec<TruthFile>,
+    /// The LIDAR: a built-in one or a beam table (.toml)
+    #[arg(long, value_name = "NAME|FILE", default_value = "hdl-64e")]
+    pub lidar: String,
+    /// Camera and mounting of all frames (.toml) [default: drawn for each frame]
+    #[arg(long, value_name = "FILE")]
+    pub calibration: Option<PathBuf>,
 }
 
 /// What to measure.

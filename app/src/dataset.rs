@@ -1,7 +1,8 @@
-use std::{ops::ControlFlow, sync::atomic::Ordering};
+use std::{ops::ControlFlow, path::PathBuf, sync::atomic::Ordering};
 
 use anyhow::{Context, bail};
-use covista_sensors::{DatasetSpec, stop_flag, write_dataset};
+use covista_sensors::{DatasetSpec, lidar_of, stop_flag, write_dataset};
+use covista_world::Calibration;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::{
@@ -14,14 +15,21 @@ pub fn run(args: &DatasetArgs) -> anyhow::Result<()> {
     if args.frames == 0 {
         bail!("--frames 0 makes no dataset; give at least 1");
     }
-    prepare_folder(&args.out)?;
+    let lidar = lidar_of(&args.lidar)?;
+    let load =
+        |path: &PathBuf| Calibration::load(path).with_context(|| format!("in {}", path.display()));
+    let calibration = args.calibration.as_ref().map(load);
     let spec = DatasetSpec {
         start: args.start,
         seed: args.seed,
         split: args.split,
         formats: args.format.iter().copied().collect(),
+        truth: args.truth.iter().copied().collect(),
+        lidar,
+        calibration: calibration.transpose()?,
         ..DatasetSpec::new(args.out.clone(), args.frames)
     };
+    prepare_folder(&args.out)?;
     let stop = stop_flag().context("cannot listen for Ctrl-C")?;
     let bar = frame_bar();
     let written = write_dataset(&spec, |done, total| {

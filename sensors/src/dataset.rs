@@ -7,6 +7,7 @@ mod folder;
 mod frame;
 mod manifest;
 mod spec;
+mod truth_files;
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -16,7 +17,7 @@ use rayon::prelude::*;
 
 pub use error::DatasetError;
 pub use manifest::Manifest;
-pub use spec::{DatasetSpec, Format, Split};
+pub use spec::{DatasetSpec, Format, Split, TruthFile, lidar_of};
 
 use folder::Folder;
 use frame::FrameMaker;

@@ -41,7 +41,10 @@ mod viewpoint;
 pub use boxes::{TruthBox, in_line_of_sight, truth_boxes, truth_detections};
 pub use camera::take_picture;
 pub use caster::{Hit, ObjectRef, RayScene, Sighting};
-pub use dataset::{DatasetError, DatasetSpec, Format, Manifest, Split, stop_flag, write_dataset};
+pub use dataset::{
+    DatasetError, DatasetSpec, Format, Manifest, Split, TruthFile, lidar_of, stop_flag,
+    write_dataset,
+};
 pub use exposure::{Bonnet, CameraSettings};
 pub use lidar::{Beam, LabelledCloud, Lidar, LidarError, Motion, PointLabel};
 pub use marks::{MarkTruth, true_marks};

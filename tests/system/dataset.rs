@@ -64,6 +64,10 @@ fn a_dataset_is_complete_and_says_what_it_holds() {
         &mut dataset(&out, &["--frames", "3", "--format", "kitty"]),
         &["kitty", "kitti, tusimple or mcap"],
     );
+    assert_one_line_error(
+        &mut dataset(&out, &["--frames", "3", "--lidar", "hdl-65"]),
+        &["hdl-65", "hdl-64e"],
+    );
 }
 
 #[cfg(unix)]

@@ -5,10 +5,13 @@ use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 
-use covista_sensors::{DatasetSpec, stop_flag, write_dataset};
+use covista_sensors::{DatasetSpec, lidar_of, stop_flag, write_dataset};
+use covista_world::Calibration;
 
 const USAGE: &str = "usage: covista-dataset --out DIR --frames N [--start N] [--seed N] \
-                     [--split train|val|test] [--format kitti,tusimple,mcap]";
+                     [--split train|val|test] [--format kitti,tusimple,mcap] \
+                     [--truth points,depth,instance] \
+                     [--lidar NAME|FILE.toml] [--calibration FILE.toml]";
 
 fn main() -> ExitCode {
     let spec = match parse(std::env::args().skip(1)) {
@@ -64,6 +67,15 @@ fn parse(mut arguments: impl Iterator<Item = String>) -> Result<DatasetSpec, Str
             "--format" => {
                 spec.formats = value.split(',').map(str::parse).collect::<Result<_, _>>()?;
             }
+            "--truth" => {
+                spec.truth = value.split(',').map(str::parse).collect::<Result<_, _>>()?;
+            }
+            "--calibration" => {
+                let loaded = Calibration::load(value.as_ref())
+                    .map_err(|error| format!("in {value}: {error}"))?;
+                spec.calibration = Some(loaded);
+            }
+            "--lidar" => spec.lidar = lidar_of(&value).map_err(|error| error.to_string())?,
             _ => return Err(format!("there is no option {name}")),
         }
     }

@@ -1,13 +1,18 @@
+use covista_traffic::SceneKind;
 use covista_world::{LaneIndex, MARK_COUNT, ROW_ANCHORS};
 use nalgebra::Vector3;
 use serde::Serialize;
 
-use crate::{MarkTruth, TruthBox, Viewpoint};
+use crate::{CameraSettings, MarkTruth, Rig, TruthBox, Viewpoint};
 
 /// The settings that a scene was drawn with, and the truth that KITTI's and TuSimple's files have
 /// no place for.
 #[derive(Serialize)]
 pub(super) struct SceneDescription {
+    kind: &'static str,
+    lidar_motion: String,
+    lidar_specimen: u64,
+    camera: CameraSettings,
     sun_direction: Vector3<f64>,
     direct_light: f64,
     paint_wear: f64,
@@ -30,6 +35,8 @@ pub(super) struct SceneDescription {
 #[derive(Serialize)]
 struct VehicleDescription {
     id: u32,
+    /// Its number in point labels.
+    instance: usize,
     model: String,
     lane: Option<LaneIndex>,
     speed_mps: f64,
@@ -44,18 +51,27 @@ struct VehicleDescription {
 }
 
 impl SceneDescription {
-    pub(super) fn new(view: &Viewpoint, truth: &[TruthBox], marks: &MarkTruth) -> Self {
+    pub(super) fn new(
+        view: &Viewpoint,
+        kind: SceneKind,
+        rig: &Rig,
+        truth: &[TruthBox],
+        marks: &MarkTruth,
+    ) -> Self {
         let look = &view.scene.look;
         let road = &view.scene.road;
         let lane = |vehicle: &covista_traffic::SceneVehicle| {
             road.lane_at(road.to_frenet(vehicle.state.pose.position()).d_m)
         };
         let vehicles = truth.iter().filter_map(|truth| {
-            let vehicle = view.others().find(|vehicle| vehicle.id == truth.id)?;
+            let mut vehicles = view.scene.vehicles.iter();
+            let index = vehicles.position(|vehicle| vehicle.id == truth.id)?;
+            let vehicle = &view.scene.vehicles[index];
             Some(VehicleDescription {
                 id: truth.id.0,
+                instance: index + 1,
                 model: format!("{:?}", truth.model).to_lowercase(),
-                lane: lane(vehicle),
+                lane: truth.lane,
                 speed_mps: vehicle.state.speed_mps,
                 center_m: truth.center_m,
                 size_m: truth.size_m,
@@ -65,6 +81,13 @@ impl SceneDescription {
             })
         });
         Self {
+            lidar_motion: format!("{:?}", rig.lidar_motion).to_lowercase(),
+            lidar_specimen: rig.lidar_specimen,
+            camera: rig.camera,
+            kind: match kind {
+                SceneKind::Freeway => "freeway",
+                SceneKind::Street => "street",
+            },
             sun_direction: look.sun_direction,
             direct_light: look.direct_light,
             paint_wear: look.paint_wear,

@@ -12,6 +12,7 @@ use serde::Serialize;
 
 use super::error::{DatasetError, encoding};
 use super::folder::{record_path, sha256_hex};
+use super::truth_files::truth_files;
 use super::{DatasetSpec, Split};
 use crate::dataset::description::SceneDescription;
 use crate::kitti::{KittiLabel, calibration_text, cloud_bytes};
@@ -61,6 +62,7 @@ pub(super) fn folders(spec: &DatasetSpec) -> Vec<&'static str> {
     if spec.has_tusimple() {
         folders.push(LANES_FOLDER);
     }
+    folders.extend(spec.truth.iter().map(|truth| truth.folder()));
     folders
 }
 
@@ -86,7 +88,7 @@ impl<'a> FrameMaker<'a> {
             specimen: rig.lidar_specimen,
             ..self.spec.lidar.clone()
         };
-        let SampledScene { scene, ego, .. } = sample_scene(self.scene_seed, frame);
+        let SampledScene { scene, ego, kind } = sample_scene(self.scene_seed, frame);
         let rays = RayScene::rolling(&scene, lidar.half_turn_s());
         let view = Viewpoint::new(&scene, &rays, ego, calibration)
             .ok_or("the scene lacks its own vehicle")
@@ -121,6 +123,13 @@ impl<'a> FrameMaker<'a> {
                 },
             ]);
         }
+        for truth in truth_files(&view, &swept, &self.spec.truth).map_err(encoding(frame))? {
+            let (folder, extension, content) = truth;
+            files.push(FrameFile {
+                path: format!("{folder}/{frame:06}.{extension}"),
+                content,
+            });
+        }
         if self.spec.has_tusimple() {
             let line = tusimple_line(&files[0].path, &marks.pixels).map_err(encoding(frame))?;
             files.push(FrameFile {
@@ -132,7 +141,7 @@ impl<'a> FrameMaker<'a> {
             frame,
             seed: self.spec.seed,
             split: self.spec.split,
-            scene: SceneDescription::new(&view, &truth, &marks),
+            scene: SceneDescription::new(&view, kind, &rig, &truth, &marks),
             files: files
                 .iter()
                 .map(|file| (file.path.as_str(), sha256_hex(&file.content)))

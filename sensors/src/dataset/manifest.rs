@@ -4,7 +4,8 @@ use covista_world::CameraIntrinsics;
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
-use super::spec::{DatasetSpec, Format, Split};
+use super::folder::sha256_hex;
+use super::spec::{DatasetSpec, Format, Split, TruthFile};
 
 /// Raised whenever the same seed gives other bytes than before.
 pub(super) const VERSION: u32 = 2;
@@ -20,8 +21,12 @@ pub struct Manifest {
     pub split: Split,
     /// Layouts.
     pub formats: BTreeSet<Format>,
-    /// The LIDAR's beams and columns.
-    pub lidar: [u32; 2],
+    /// Truth beyond that of the layouts.
+    pub truth: BTreeSet<TruthFile>,
+    /// The LIDAR's name.
+    pub lidar: String,
+    /// SHA-256 of all that its beam table says.
+    pub lidar_sha256: String,
     /// The camera, unless it is drawn anew for each frame.
     pub camera: Option<CameraIntrinsics>,
     /// LIDAR frame to vehicle frame, likewise.
@@ -49,7 +54,9 @@ impl Manifest {
             seed: spec.seed,
             split: spec.split,
             formats: spec.formats.clone(),
-            lidar: [spec.lidar.beams.len() as u32, spec.lidar.columns],
+            truth: spec.truth.clone(),
+            lidar: spec.lidar.name.clone(),
+            lidar_sha256: sha256_hex(format!("{:?}", spec.lidar).as_bytes()),
             camera: calibration.map(|fixed| fixed.intrinsics),
             vehicle_from_lidar: calibration.map(|fixed| fixed.vehicle_from_lidar),
             vehicle_from_camera: calibration.map(|fixed| fixed.vehicle_from_camera),
@@ -74,7 +81,11 @@ impl Manifest {
             (found.seed != self.seed, "a data set of another seed"),
             (found.split != self.split, "a data set of another split"),
             (found.formats != self.formats, "a data set of other formats"),
-            (found.lidar != self.lidar, "a data set of another LIDAR"),
+            (found.truth != self.truth, "a data set with other truth"),
+            (
+                found.lidar_sha256 != self.lidar_sha256,
+                "a data set of another LIDAR",
+            ),
             (
                 (
                     found.camera,

@@ -5,7 +5,7 @@ use std::str::FromStr;
 use covista_world::Calibration;
 use serde::{Deserialize, Serialize};
 
-use crate::Lidar;
+use crate::{Lidar, LidarError};
 
 /// Which part of the data: the splits of one seed share no scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -78,6 +78,63 @@ impl FromStr for Format {
     }
 }
 
+/// Truth that is written on request.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum TruthFile {
+    /// What each LIDAR point was measured on: `labels/000007.label`, as SemanticKITTI's.
+    Points,
+    /// How far each pixel is along the optical axis: `depth_2/000007.png`, as KITTI's depth maps.
+    Depth,
+    /// Which object each pixel shows: `instance_2/000007.png`, numbered as in the point labels.
+    Instance,
+}
+
+impl TruthFile {
+    /// The folder of its files.
+    pub(super) fn folder(self) -> &'static str {
+        match self {
+            Self::Points => "labels",
+            Self::Depth => "depth_2",
+            Self::Instance => "instance_2",
+        }
+    }
+
+    /// Its name in files and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Points => "points",
+            Self::Depth => "depth",
+            Self::Instance => "instance",
+        }
+    }
+}
+
+impl FromStr for TruthFile {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        [Self::Points, Self::Depth, Self::Instance]
+            .into_iter()
+            .find(|truth| truth.name() == text)
+            .ok_or_else(|| {
+                format!("`{text}` is no truth that can be written; use points, depth or instance")
+            })
+    }
+}
+
+/// The built-in LIDAR of a name, or that of a beam table (`.toml`).
+///
+/// # Errors
+/// When there is none of that name, or the file is unusable.
+pub fn lidar_of(name_or_file: &str) -> Result<Lidar, LidarError> {
+    if name_or_file.ends_with(".toml") {
+        Lidar::load(name_or_file)
+    } else {
+        Lidar::builtin(name_or_file)
+    }
+}
+
 /// Which data set to write, and where.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DatasetSpec {
@@ -93,6 +150,8 @@ pub struct DatasetSpec {
     pub split: Split,
     /// Layouts.
     pub formats: BTreeSet<Format>,
+    /// Truth beyond that of the layouts.
+    pub truth: BTreeSet<TruthFile>,
     /// The LIDAR.
     pub lidar: Lidar,
     /// The camera, and where both sensors sit; drawn anew for each frame unless it is given.
@@ -100,8 +159,8 @@ pub struct DatasetSpec {
 }
 
 impl DatasetSpec {
-    /// The first frames of seed 0's training split, measured by KITTI's LIDAR and a drawn rig, for KITTI's and
-    /// TuSimple's tools.
+    /// The first frames of seed 0's training split, measured by KITTI's LIDAR on a drawn rig, for
+    /// KITTI's and TuSimple's tools.
     pub fn new(out: PathBuf, frames: u64) -> Self {
         Self {
             out,
@@ -110,6 +169,7 @@ impl DatasetSpec {
             seed: 0,
             split: Split::Train,
             formats: Format::DEFAULT.into(),
+            truth: BTreeSet::new(),
             lidar: Lidar::hdl64e(),
             calibration: None,
         }

@@ -235,3 +235,43 @@ fn an_mcap_file_holds_the_frames_as_ros_2_messages() {
         assert_eq!(&tail[..points.len()], points);
     }
 }
+
+#[test]
+fn truth_of_points_and_pixels_is_written_on_request() {
+    let root = tempfile::tempdir().expect("a folder");
+    let truth = [TruthFile::Points, TruthFile::Depth, TruthFile::Instance].into();
+    write_dataset(
+        &DatasetSpec {
+            truth,
+            ..spec(root.path())
+        },
+        go_on,
+    )
+    .expect("a data set");
+    for frame in 0..2 {
+        let read = |name: String| std::fs::read(root.path().join(name)).expect("a file");
+        let points = read(format!("velodyne/{frame:06}.bin")).len() / 16;
+        let labels = read(format!("labels/{frame:06}.label"));
+        assert_eq!(labels.len(), 4 * points);
+        let record = read(format!("scenes/{frame:06}.json"));
+        let record: serde_json::Value = serde_json::from_slice(&record).expect("JSON");
+        let words = labels.as_chunks::<4>().0.iter();
+        let words: Vec<u32> = words.map(|word| u32::from_le_bytes(*word)).collect();
+        assert!(words.iter().filter(|&&word| word == 49).count() > points / 10);
+        for vehicle in record["vehicles"].as_array().expect("vehicles") {
+            let on_it = |word: &&u32| vehicle["instance"] == **word >> 16;
+            let count = words.iter().filter(on_it).count();
+            assert_eq!(vehicle["lidar_points"], count, "{vehicle}");
+        }
+        let image = |folder: &str| {
+            let path = root.path().join(format!("{folder}/{frame:06}.png"));
+            image::open(path).expect("a picture").into_luma16()
+        };
+        let (depth, instance) = (image("depth_2"), image("instance_2"));
+        assert_eq!(depth.dimensions(), (1242, 375));
+        // What is seen is somewhere; the road before the bonnet is some metres away.
+        let mut pixels = depth.pixels().zip(instance.pixels());
+        assert!(pixels.all(|(depth, instance)| instance[0] == 0 || depth[0] > 0));
+        assert!((2 * 256..30 * 256).contains(&depth[(600, 374)][0]));
+    }
+}
