@@ -102,10 +102,13 @@ pub fn calibration_of(frame: &KittiFrame) -> Result<Calibration, KittiError> {
     }
 }
 
+/// A file that is needed: its folder, and where a frame holds it.
+type Needed = (&'static str, fn(&KittiFrame) -> &Option<PathBuf>);
+
 /// The frames that have all the files named, and for each file how many lack it.
 pub(crate) fn with_files<'a>(
     frames: &'a [KittiFrame],
-    needed: &[(&'static str, fn(&KittiFrame) -> &Option<PathBuf>)],
+    needed: &[Needed],
 ) -> (Vec<&'a KittiFrame>, Vec<Lacking>) {
     let has_all = |frame: &&KittiFrame| needed.iter().all(|(_, file)| file(frame).is_some());
     let whole: Vec<&KittiFrame> = frames.iter().filter(has_all).collect();

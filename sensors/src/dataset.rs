@@ -23,7 +23,7 @@ use folder::Folder;
 use frame::FrameMaker;
 
 /// Frames for each thread between two listings of what is finished, at the least.
-const LEAST_FRAMES_PER_THREAD: usize = 32;
+const LEAST_FRAMES_PER_THREAD: usize = 8;
 
 /// Writes the frames that are not there yet, in parallel, and tells `progress` (frames done, frames
 /// in all) after each; it stops when `progress` says so.

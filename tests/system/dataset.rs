@@ -186,7 +186,7 @@ fn bad_recorded_input_is_one_clear_line() {
         &write("empty.bin", b""),
         &["empty.bin", "is empty"],
     );
-    let mut nan = bytes.clone();
+    let mut nan = bytes;
     for point in [7, 9] {
         nan[16 * point..][..4].copy_from_slice(&f32::NAN.to_le_bytes());
     }

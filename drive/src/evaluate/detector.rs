@@ -242,7 +242,7 @@ mod tests {
     #[test]
     fn boxes_in_dont_care_regions_or_outside_the_picture_are_left_out() {
         let car = "Car 0 0 0 600 150 650 200 1.6 1.8 4.0 0.0 1.65 20.0 -1.57";
-        let region = "DontCare -1 -1 -10 500 160 560 200 -1 -1 -1 -1000 -1000 -1000 -10";
+        let region = "DontCare -1 -1 -10 500 160 560 220 -1 -1 -1 -1000 -1000 -1000 -10";
         let frame = |labels: &[&str]| Frame {
             calibration: Calibration::kitti(),
             labels: labels.iter().map(|text| label(text)).collect(),

@@ -62,7 +62,7 @@ pub(super) fn folders(spec: &DatasetSpec) -> Vec<&'static str> {
     if spec.has_tusimple() {
         folders.push(LANES_FOLDER);
     }
-    folders.extend(spec.truth.iter().map(|truth| truth.folder()));
+    folders.extend(spec.truth.iter().map(|truth| truth.place().0));
     folders
 }
 
@@ -123,8 +123,10 @@ impl<'a> FrameMaker<'a> {
                 },
             ]);
         }
-        for truth in truth_files(&view, &swept, &self.spec.truth).map_err(encoding(frame))? {
-            let (folder, extension, content) = truth;
+        for (truth, content) in
+            truth_files(&view, &swept, &self.spec.truth).map_err(encoding(frame))?
+        {
+            let (folder, extension) = truth.place();
             files.push(FrameFile {
                 path: format!("{folder}/{frame:06}.{extension}"),
                 content,

@@ -91,12 +91,12 @@ pub enum TruthFile {
 }
 
 impl TruthFile {
-    /// The folder of its files.
-    pub(super) fn folder(self) -> &'static str {
+    /// The folder and the extension of its files.
+    pub(super) fn place(self) -> (&'static str, &'static str) {
         match self {
-            Self::Points => "labels",
-            Self::Depth => "depth_2",
-            Self::Instance => "instance_2",
+            Self::Points => ("labels", "label"),
+            Self::Depth => ("depth_2", "png"),
+            Self::Instance => ("instance_2", "png"),
         }
     }
 

@@ -19,19 +19,19 @@ const OTHER_OBJECT: u32 = 99;
 /// KITTI's unit of depth: a 256th of a metre; 0 where there is none.
 const DEPTHS_PER_M: f32 = 256.0;
 
-/// Folder, extension and content of the truth that is asked for.
+/// The truth that is asked for, each with the content of its file.
 pub(super) fn truth_files(
     view: &Viewpoint,
     swept: &LabelledCloud,
     asked: &BTreeSet<TruthFile>,
-) -> Result<Vec<(&'static str, &'static str, Vec<u8>)>, ImageError> {
+) -> Result<Vec<(TruthFile, Vec<u8>)>, ImageError> {
     let pictured = [TruthFile::Depth, TruthFile::Instance];
     let images = pictured.iter().any(|truth| asked.contains(truth));
     let images = images.then(|| take_truth_images(view));
     let files = asked.iter().filter_map(|&truth| match (truth, &images) {
         (TruthFile::Points, _) => {
             let content = point_label_bytes(view.scene, &swept.objects);
-            Some(Ok((truth.folder(), "label", content)))
+            Some(Ok((truth, content)))
         }
         (TruthFile::Depth, Some(images)) => {
             let depths = images.depth_m.iter().map(|&depth_m| match depth_m {
@@ -39,11 +39,11 @@ pub(super) fn truth_files(
                 _ => 0,
             });
             let content = png_16_bits(images, depths.collect());
-            Some(content.map(|content| (truth.folder(), "png", content)))
+            Some(content.map(|content| (truth, content)))
         }
         (TruthFile::Instance, Some(images)) => {
             let content = png_16_bits(images, images.instance.clone());
-            Some(content.map(|content| (truth.folder(), "png", content)))
+            Some(content.map(|content| (truth, content)))
         }
         (TruthFile::Depth | TruthFile::Instance, None) => None,
     });
