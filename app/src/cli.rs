@@ -21,6 +21,8 @@ pub enum Command {
     Dataset(DatasetArgs),
     /// Measure a network on a dataset
     Eval(EvalArgs),
+    /// Measure how fast a stage is on this machine
+    Bench(BenchArgs),
     /// List the networks, or check their files against their cards
     Models(ModelsArgs),
 }
@@ -153,6 +155,23 @@ pub struct EvalArgs {
     /// Folder of the networks
     #[arg(long, value_name = "DIR")]
     pub models: Option<PathBuf>,
+    /// Write the rows as JSON
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// What to time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum BenchWhat {
+    /// Rays, LIDAR sweeps and pictures, against the number of vehicles and rays
+    Sensors,
+}
+
+#[derive(Debug, Args)]
+pub struct BenchArgs {
+    /// What to time
+    #[arg(value_enum)]
+    pub what: BenchWhat,
     /// Write the rows as JSON
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,

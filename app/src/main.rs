@@ -3,6 +3,7 @@
 //! *Architecture invariant:* every error that reaches this crate is told once, here, in one line,
 //! and ends the process with exit code 2.
 
+mod bench;
 mod cli;
 mod dataset;
 mod demo;
@@ -37,6 +38,7 @@ fn main() -> ExitCode {
         Some(cli::Command::Demo(args)) => demo::run_demo(&args),
         Some(cli::Command::Dataset(args)) => dataset::run(&args),
         Some(cli::Command::Eval(args)) => eval::run(&args),
+        Some(cli::Command::Bench(args)) => bench::run(&args),
         Some(cli::Command::Models(args)) => models::run(&args),
     };
     match result {

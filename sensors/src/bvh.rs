@@ -79,6 +79,11 @@ impl Node {
 }
 
 impl Bvh {
+    /// Memory of its nodes in bytes.
+    pub(crate) fn memory_bytes(&self) -> usize {
+        size_of_val(&*self.nodes)
+    }
+
     pub(crate) fn new(bounds: &[Bounds]) -> Self {
         let mut leaves: Vec<u32> = (0..bounds.len() as u32).collect();
         let mut bvh = Self {

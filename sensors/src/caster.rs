@@ -109,6 +109,19 @@ impl RayScene {
         rays
     }
 
+    /// Memory that it takes, the ground left out, in bytes.
+    pub fn memory_bytes(&self) -> usize {
+        size_of_val(&*self.parts)
+            + size_of_val(&*self.faces)
+            + self
+                .vertices
+                .iter()
+                .map(|corners| size_of_val(&**corners))
+                .sum::<usize>()
+            + size_of_val(&*self.vertices)
+            + self.bvh.memory_bytes()
+    }
+
     fn add(&mut self, object: ObjectRef, hull: &Hull, velocity_mps: Vector3<f64>) -> Bounds {
         let anchor = hull.vertices[0].cast::<f32>();
         let velocity_mps = velocity_mps.cast::<f32>();

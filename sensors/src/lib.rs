@@ -6,6 +6,7 @@
 //! network.
 
 mod appearance;
+mod benchmark;
 mod boxes;
 mod bvh;
 mod camera;
@@ -38,6 +39,7 @@ mod truth_images;
 mod tusimple;
 mod viewpoint;
 
+pub use benchmark::{Ground, SensorTimings, busy_road, time_sensors};
 pub use boxes::{TruthBox, in_line_of_sight, truth_boxes, truth_detections};
 pub use camera::take_picture;
 pub use caster::{Hit, ObjectRef, RayScene, Sighting};

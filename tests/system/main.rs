@@ -3,6 +3,7 @@
 //! - `workspace`: the dependency rule of ARCHITECTURE.md, read off the Cargo.toml files;
 //! - `demo`: the obstacle-at-corner demo through the binary;
 //! - `dataset`: data sets written, stopped and read, recorded frames, and bad ones;
+//! - `bench`: the benchmarks, their table and rows;
 //! - `errors`: bad input, one clear line and exit code 2.
 
 #![allow(
@@ -11,6 +12,7 @@
     reason = "a test stops where it fails"
 )]
 
+mod bench;
 mod binary;
 mod dataset;
 mod demo;
