@@ -15,7 +15,7 @@ const OTHER: VehicleId = VehicleId(9);
 fn tilted() -> Calibration {
     let text = include_str!("../../../assets/calibration/kitti.toml");
     let turned = "yaw_deg = 4.0\npitch_deg = -6.0\nroll_deg = 5.0\n[lidar]";
-    Calibration::parse(&text.replace("[lidar]", turned)).expect("a calibration")
+    Calibration::parse(&text.replace("[lidar]", turned), "tilted").expect("a calibration")
 }
 
 fn slope(rise: f64, bank: f64) -> Arc<Terrain> {
