@@ -9,6 +9,7 @@ mod appearance;
 mod boxes;
 mod bvh;
 mod camera;
+mod carriageway;
 mod caster;
 mod dataset;
 mod exposure;
