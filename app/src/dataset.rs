@@ -1,4 +1,4 @@
-use std::{ops::ControlFlow, path::PathBuf, sync::atomic::Ordering};
+use std::{ops::ControlFlow, sync::atomic::Ordering};
 
 use anyhow::{Context, bail};
 use covista_sensors::{DatasetSpec, lidar_of, stop_flag, write_dataset};
@@ -16,9 +16,7 @@ pub fn run(args: &DatasetArgs) -> anyhow::Result<()> {
         bail!("--frames 0 makes no dataset; give at least 1");
     }
     let lidar = lidar_of(&args.lidar)?;
-    let load =
-        |path: &PathBuf| Calibration::load(path).with_context(|| format!("in {}", path.display()));
-    let calibration = args.calibration.as_ref().map(load);
+    let calibration = args.calibration.as_deref().map(Calibration::load);
     let spec = DatasetSpec {
         start: args.start,
         seed: args.seed,

@@ -1,7 +1,7 @@
 """Reads the folders that `covista dataset` writes: KITTI objects and TuSimple lane marks.
 
     image_2/000000.png  velodyne/000000.bin  calib/000000.txt  label_2/000000.txt
-    lanes/000000.json, written last: a frame that has it is complete
+    lanes/000000.json  scenes/000000.json, written last: a frame that has it is complete
 
 A sample is a function of the folder, the frame and a seed, so that training repeats itself.
 Types that no class trains on (pedestrians, DontCare) are passed over.
@@ -46,7 +46,11 @@ def read_image(root: Path, frame: str) -> np.ndarray:
     """The camera image resized to the lane network's input, uint8 [288, 800, 3]."""
 
     def make() -> np.ndarray:
-        image = np.array(Image.open(root / "image_2" / f"{frame}.png").convert("RGB"))
+        picture = Image.open(root / "image_2" / f"{frame}.png").convert("RGB")
+        if picture.size != (lanes.IMAGE_WIDTH_PX, lanes.IMAGE_HEIGHT_PX):
+            size = f"{lanes.IMAGE_WIDTH_PX}x{lanes.IMAGE_HEIGHT_PX}"
+            raise SystemExit(f"{picture.width}x{picture.height} pixels in frame {frame} of {root}; the network takes {size}")
+        image = np.array(picture)
         return lanes.resize(torch.from_numpy(image)).numpy()
 
     return cached(root / "cache" / f"{frame}.image.npy", make)
@@ -54,7 +58,10 @@ def read_image(root: Path, frame: str) -> np.ndarray:
 
 def complete_frames(root: Path) -> list[str]:
     """The frames of the folder, also while it is being written."""
-    return sorted(path.stem for path in (root / "lanes").glob("*.json"))
+    frames = sorted(path.stem for path in (root / "scenes").glob("*.json"))
+    if not frames:
+        raise SystemExit(f"{root} holds no finished frame; write some with `covista dataset --out {root} --frames 100`")
+    return frames
 
 
 def read_marks(root: Path, frame: str) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Measures the networks on real samples: `python reality.py detector|lanes|sweeps [--real DIR]`.
+"""Measures the networks on real samples: `python reality.py detector|lanes|sweeps --real DIR`.
 
     detector  the labelled KITTI sweep, label by label, and the boxes that match no label
     lanes     highway photographs against the marks in photographs.json, which we drew by eye
@@ -182,7 +182,7 @@ def overlay(image: Image.Image, truth: np.ndarray, found: np.ndarray) -> np.ndar
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("what", choices=NEEDED)
-    parser.add_argument("--real", type=Path, default=HERE.parents[2] / "shared" / "data")
+    parser.add_argument("--real", type=Path, required=True, help="folder of the real samples")
     parser.add_argument("--model", type=Path, help="an ONNX file, by default the committed one")
     parser.add_argument("--data", type=Path, default=Path("data/val"), help="synthetic frames (sweeps)")
     parser.add_argument("--out", type=Path, default=Path("runs"), help="folder of the pictures")

@@ -26,6 +26,8 @@ pub struct TruthBox {
     pub lidar_points: usize,
     /// Share of the body in line of sight of the LIDAR, in [0, 1].
     pub visibility: f64,
+    /// Corners of the body's convex parts in the LIDAR frame, in metres.
+    pub parts_m: Vec<Vec<Point3<f64>>>,
 }
 
 /// Half-extents of the detector's range in the LIDAR frame, in metres.
@@ -39,6 +41,7 @@ pub fn truth_boxes(view: &Viewpoint, swept: &LabelledCloud) -> Vec<TruthBox> {
         let mut found = true_box(view, vehicle);
         found.visibility = visible_share(view.scene, view.rays, vehicle, eye, view.ego.id);
         found.lidar_points = counts.get(&vehicle.id).copied().unwrap_or(0);
+        found.parts_m = parts_in_lidar(view, vehicle.id);
         found
     });
     boxes.collect()
@@ -80,8 +83,8 @@ pub fn in_line_of_sight(
     })
 }
 
-/// Share of points on the body's outline, at two heights, that nothing but the two vehicles
-/// themselves hides from `from`.
+/// Share of points on the body's outline, at two heights, that neither the ground nor anything but
+/// the two vehicles themselves hides from `from`.
 fn visible_share(
     scene: &Scene,
     rays: &RayScene,
@@ -95,11 +98,12 @@ fn visible_share(
     let samples = outline(target.dimensions());
     let seen = samples.iter().filter(|sample| {
         let gap = (pose * **sample - from).cast::<f32>();
-        let distance_m = gap.norm();
+        let (direction, distance_m) = (gap / gap.norm(), gap.norm());
         distance_m < 1e-3
-            || !rays.blocked(&eye, &(gap / distance_m), distance_m, |object| {
-                !own.contains(&object)
-            })
+            || rays.ground_hit(&eye, &direction, distance_m).is_none()
+                && !rays.blocked(&eye, &direction, distance_m, |object| {
+                    !own.contains(&object)
+                })
     });
     seen.count() as f64 / samples.len() as f64
 }
@@ -145,34 +149,30 @@ fn true_box(view: &Viewpoint, vehicle: &SceneVehicle) -> TruthBox {
         lane: road.lane_at(road.to_frenet(middle).d_m),
         lidar_points: 0,
         visibility: 0.0,
+        parts_m: Vec::new(),
     }
 }
 
-impl TruthBox {
-    /// The eight corners in the LIDAR frame: the lower four, then the upper four above them.
-    pub fn corners_m(&self) -> [Point3<f64>; 8] {
-        let (sin, cos) = self.yaw_rad.sin_cos();
-        let half = self.size_m / 2.0;
-        std::array::from_fn(|corner| {
-            let x = if matches!(corner % 4, 0 | 1) {
-                half.x
-            } else {
-                -half.x
-            };
-            let y = if matches!(corner % 4, 0 | 3) {
-                half.y
-            } else {
-                -half.y
-            };
-            let z = if corner < 4 { -half.z } else { half.z };
-            Point3::from(self.center_m + Vector3::new(cos * x - sin * y, sin * x + cos * y, z))
-        })
-    }
+fn parts_in_lidar(view: &Viewpoint, id: VehicleId) -> Vec<Vec<Point3<f64>>> {
+    let lidar_from_world = view.world_from_lidar().inverse();
+    let solids = view.rays.solids();
+    let own = solids.filter(|solid| solid.part.object == ObjectRef::Vehicle(id));
+    let corners = own.map(|solid| {
+        let vertices = solid.vertices.iter();
+        vertices
+            .map(|vertex| lidar_from_world * vertex.cast::<f64>())
+            .collect()
+    });
+    corners.collect()
 }
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
+    use covista_traffic::Terrain;
     use covista_world::{Calibration, Se2Pose};
+    use nalgebra::Vector2;
 
     use super::*;
     use crate::Lidar;
@@ -231,5 +231,14 @@ mod tests {
         let half = share(&scene);
         assert!((0.2..0.8).contains(&half), "{half}");
         assert_eq!(detections(&scene), 1);
+    }
+    #[test]
+    fn a_crest_hides_what_is_behind_it() {
+        let mut scene = scene_ahead();
+        let ridge = |p: Vector2<f64>| 3.0 * (-(p.x - 8.0).powi(2) / 8.0).exp();
+        let ridge = Terrain::sampled(Vector2::zeros(), 40.0, 0.5, ridge);
+        assert_eq!(with_view(&scene, |view| truth_detections(view).len()), 1);
+        scene.terrain = Arc::new(ridge);
+        assert_eq!(with_view(&scene, |view| truth_detections(view).len()), 0);
     }
 }

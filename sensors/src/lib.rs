@@ -10,6 +10,7 @@ mod benchmark;
 mod boxes;
 mod bvh;
 mod camera;
+mod carriageway;
 mod caster;
 mod dataset;
 mod exposure;

@@ -22,8 +22,8 @@ pub enum PaintColor {
     Yellow,
 }
 
-/// The paint of a road: its four marks from the left edge line to the right one, and the lanes
-/// beyond these that belong to the same carriageway.
+/// The paint of a road: its four marks from the left edge line to the right one, and the lanes and
+/// the pavement beyond these that belong to the same carriageway.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RoadMarkings {
     /// Style of each mark, from the left.
@@ -38,6 +38,8 @@ pub struct RoadMarkings {
     pub dash_period_m: f64,
     /// Lanes beyond mark 0 and beyond mark 3, as wide as the road's own; dashes part them.
     pub lanes_beyond: [u8; 2],
+    /// Width of the pavement beyond the outermost marks, left and right, in metres.
+    pub shoulders_m: [f64; 2],
 }
 
 impl Default for RoadMarkings {
@@ -55,6 +57,7 @@ impl Default for RoadMarkings {
             dash_m: 3.0,
             dash_period_m: 12.0,
             lanes_beyond: [0, 0],
+            shoulders_m: [2.0, 2.0],
         }
     }
 }

@@ -98,10 +98,10 @@ impl Calibration {
             path: path.to_path_buf(),
             source,
         })?;
-        Self::parse(&text)
+        Self::parse(&text, &path.display().to_string())
     }
 
-    /// The calibration in a TOML text.
+    /// The calibration in a TOML text; `origin` names it in errors.
     ///
     /// `[camera]` holds `width_px`, `height_px`, `fx_px`, `fy_px`, `cx_px`, `cy_px`, `position_m`
     /// (x, y, z in the vehicle frame) and, where the camera is not level and straight ahead,
@@ -110,18 +110,21 @@ impl Calibration {
     ///
     /// # Errors
     /// When the text is no such table or holds a value no camera can have.
-    pub fn parse(text: &str) -> Result<Self, CalibrationError> {
+    pub fn parse(text: &str, origin: &str) -> Result<Self, CalibrationError> {
         let file: CalibrationFile = toml::from_str(text).map_err(|error| {
             let line = error.span().map_or(1, |span| {
                 1 + text[..span.start.min(text.len())].matches('\n').count()
             });
             CalibrationError::Parse {
+                origin: origin.to_owned(),
                 line,
                 message: error.message().replace('\n', " "),
             }
         })?;
-        file.camera.check()?;
-        finite("lidar.position_m", &file.lidar.position_m)?;
+        file.camera
+            .check()
+            .and_then(|()| finite("lidar.position_m", &file.lidar.position_m))
+            .map_err(|wrong| wrong.within(origin))?;
         Ok(Self {
             intrinsics: file.camera.intrinsics(),
             vehicle_from_lidar: Translation3::from(file.lidar.position_m).into(),
@@ -148,7 +151,7 @@ fn level_camera() -> UnitQuaternion<f64> {
 #[derive(Debug, thiserror::Error)]
 pub enum CalibrationError {
     /// The file cannot be read.
-    #[error("cannot read the calibration {}: {source}", path.display())]
+    #[error("cannot read the calibration {}: {source}; check the path", path.display())]
     Read {
         /// Which file.
         path: PathBuf,
@@ -156,16 +159,20 @@ pub enum CalibrationError {
         source: io::Error,
     },
     /// The text is no TOML, or lacks a field, or has one that is not known.
-    #[error("line {line} of the calibration: {message}")]
+    #[error("calibration {origin}, line {line}: {message}; correct this line")]
     Parse {
+        /// Which file.
+        origin: String,
         /// Which line, from 1.
         line: usize,
         /// What is wrong with it.
         message: String,
     },
     /// A value that no sensor can have.
-    #[error("{field} of the calibration is {value}; it must be {wanted}")]
+    #[error("calibration {origin}: {field} is {value}; it must be {wanted}")]
     BadValue {
+        /// Which file.
+        origin: String,
         /// Which field.
         field: &'static str,
         /// Its value.
@@ -173,6 +180,24 @@ pub enum CalibrationError {
         /// What it may be.
         wanted: &'static str,
     },
+}
+
+/// A value that no sensor can have.
+struct Wrong {
+    field: &'static str,
+    value: f64,
+    wanted: &'static str,
+}
+
+impl Wrong {
+    fn within(self, origin: &str) -> CalibrationError {
+        CalibrationError::BadValue {
+            origin: origin.to_owned(),
+            field: self.field,
+            value: self.value,
+            wanted: self.wanted,
+        }
+    }
 }
 
 /// The largest image side that is accepted.
@@ -210,13 +235,13 @@ struct CameraFile {
 }
 
 impl CameraFile {
-    fn check(&self) -> Result<(), CalibrationError> {
+    fn check(&self) -> Result<(), Wrong> {
         for (field, size) in [
             ("camera.width_px", self.width_px),
             ("camera.height_px", self.height_px),
         ] {
             if !(1..=LARGEST_PX).contains(&size) {
-                return Err(CalibrationError::BadValue {
+                return Err(Wrong {
                     field,
                     value: f64::from(size),
                     wanted: "from 1 to 16384",
@@ -225,7 +250,7 @@ impl CameraFile {
         }
         for (field, value) in [("camera.fx_px", self.fx_px), ("camera.fy_px", self.fy_px)] {
             if !(value.is_finite() && value >= 1.0) {
-                return Err(CalibrationError::BadValue {
+                return Err(Wrong {
                     field,
                     value,
                     wanted: "a focal length of at least one pixel",
@@ -260,9 +285,9 @@ impl CameraFile {
     }
 }
 
-fn finite(field: &'static str, values: &[f64]) -> Result<(), CalibrationError> {
+fn finite(field: &'static str, values: &[f64]) -> Result<(), Wrong> {
     match values.iter().find(|value| !value.is_finite()) {
-        Some(&value) => Err(CalibrationError::BadValue {
+        Some(&value) => Err(Wrong {
             field,
             value,
             wanted: "a finite number",
@@ -294,10 +319,10 @@ mod tests {
     #[test]
     fn the_shipped_files_are_what_they_say() {
         assert_eq!(
-            Calibration::parse(KITTI).expect("KITTI's"),
+            Calibration::parse(KITTI, "kitti").expect("KITTI's"),
             Calibration::kitti()
         );
-        let windscreen = Calibration::parse(WINDSCREEN).expect("the windscreen's");
+        let windscreen = Calibration::parse(WINDSCREEN, "windscreen").expect("the windscreen's");
         assert_eq!(windscreen.intrinsics.width_px, 1280);
         let eye = windscreen.vehicle_from_camera.translation;
         assert!((eye.z - 1.3).abs() < 1e-9);
@@ -307,7 +332,7 @@ mod tests {
     fn yaw_is_left_pitch_up_and_roll_to_the_right() {
         let turned = |field: &str| {
             let text = KITTI.replace("[lidar]", &format!("{field}_deg = 10.0\n[lidar]"));
-            let calibration = Calibration::parse(&text).expect("a calibration");
+            let calibration = Calibration::parse(&text, "turned").expect("a calibration");
             calibration.vehicle_from_camera.rotation
         };
         assert!((turned("yaw") * Vector3::z()).y > 0.17);
@@ -319,9 +344,10 @@ mod tests {
     fn what_no_camera_can_have_is_refused_in_one_line() {
         let with = |from: &str, to: &str| {
             assert!(KITTI.contains(from), "{from}");
-            let refused = Calibration::parse(&KITTI.replace(from, to)).expect_err(to);
+            let refused = Calibration::parse(&KITTI.replace(from, to), "mine.toml").expect_err(to);
             let message = refused.to_string();
             assert!(!message.contains('\n'), "{message}");
+            assert!(message.starts_with("calibration mine.toml"), "{message}");
             message
         };
         assert!(with("fx_px = 721.5377", "fx_px = 0.0").contains("fx_px"));

@@ -17,7 +17,7 @@ fn main() -> ExitCode {
     let spec = match parse(std::env::args().skip(1)) {
         Ok(spec) => spec,
         Err(message) => {
-            eprintln!("{message}\n{USAGE}");
+            eprintln!("{message}");
             return ExitCode::from(2);
         }
     };
@@ -52,7 +52,7 @@ fn parse(mut arguments: impl Iterator<Item = String>) -> Result<DatasetSpec, Str
     while let Some(name) = arguments.next() {
         let value = arguments
             .next()
-            .ok_or_else(|| format!("{name} needs a value"))?;
+            .ok_or_else(|| format!("{name} needs a value\n{USAGE}"))?;
         let number = || {
             value
                 .parse::<u64>()
@@ -71,16 +71,15 @@ fn parse(mut arguments: impl Iterator<Item = String>) -> Result<DatasetSpec, Str
                 spec.truth = value.split(',').map(str::parse).collect::<Result<_, _>>()?;
             }
             "--calibration" => {
-                let loaded = Calibration::load(value.as_ref())
-                    .map_err(|error| format!("in {value}: {error}"))?;
-                spec.calibration = Some(loaded);
+                let loaded = Calibration::load(value.as_ref());
+                spec.calibration = Some(loaded.map_err(|error| error.to_string())?);
             }
             "--lidar" => spec.lidar = lidar_of(&value).map_err(|error| error.to_string())?,
-            _ => return Err(format!("there is no option {name}")),
+            _ => return Err(format!("there is no option {name}\n{USAGE}")),
         }
     }
     if spec.out.as_os_str().is_empty() || spec.frames == 0 {
-        return Err("--out and --frames are needed".to_owned());
+        return Err(format!("--out and --frames are needed\n{USAGE}"));
     }
     Ok(spec)
 }

@@ -95,7 +95,7 @@ fn labels_on_paint(scene: &Scene, calibration: &Calibration) -> usize {
 fn tilted() -> Calibration {
     let text = include_str!("../../../assets/calibration/kitti.toml");
     let turned = "yaw_deg = 4.0\npitch_deg = -6.0\nroll_deg = 5.0\n[lidar]";
-    Calibration::parse(&text.replace("[lidar]", turned)).expect("a calibration")
+    Calibration::parse(&text.replace("[lidar]", turned), "tilted").expect("a calibration")
 }
 
 #[test]

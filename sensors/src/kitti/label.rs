@@ -7,7 +7,7 @@ use nalgebra::{Point3, Vector3};
 
 use crate::TruthBox;
 
-/// Edges of a box are clipped at this depth before they are projected.
+/// A body is clipped at this depth before it is projected.
 const NEAR_M: f64 = 0.1;
 /// Shares of the body in sight from which KITTI calls it fully or partly visible.
 const FULLY_VISIBLE: f64 = 0.8;
@@ -24,7 +24,7 @@ pub struct KittiLabel {
     pub occluded: u8,
     /// Observation angle in (-pi, pi].
     pub alpha_rad: f64,
-    /// 2D box in pixels: left, top, right, bottom; zeros outside the image.
+    /// 2D box of the body in pixels: left, top, right, bottom; zeros outside the image.
     pub bbox_px: [f64; 4],
     /// Height, width, length in metres.
     pub size_hwl_m: [f64; 3],
@@ -43,8 +43,11 @@ impl KittiLabel {
         let heading =
             camera_from_lidar * Vector3::new(truth.yaw_rad.cos(), truth.yaw_rad.sin(), 0.0);
         let rotation_y_rad = (-heading.z).atan2(heading.x);
-        let corners = truth.corners_m().map(|corner| camera_from_lidar * corner);
-        let (bbox_px, truncated) = image_box(&corners, &calibration.intrinsics);
+        let corners = truth.parts_m.iter().flat_map(|part| {
+            let seen: Vec<_> = part.iter().map(|p| camera_from_lidar * p).collect();
+            clipped(&seen)
+        });
+        let (bbox_px, truncated) = image_box(corners, &calibration.intrinsics);
         Self {
             kind: match truth.model {
                 VehicleModel::Van | VehicleModel::Transporter => "Van",
@@ -154,15 +157,13 @@ impl FromStr for KittiLabel {
     }
 }
 
-/// The 2D box of a 3D one (corners in the camera frame) within the image, and the share of it that
-/// the image cuts off.
-fn image_box(corners: &[Point3<f64>; 8], camera: &CameraIntrinsics) -> ([f64; 4], f64) {
-    let edges = (0..4).flat_map(|i| [(i, (i + 1) % 4), (i + 4, (i + 1) % 4 + 4), (i, i + 4)]);
-    let pixels: Vec<[f64; 2]> = edges
-        .filter_map(|(a, b)| clipped(corners[a], corners[b]))
-        .flatten()
-        .filter_map(|point| camera.project(&point))
-        .collect();
+/// The 2D box of points in the camera frame within the image, and the share of it that the image
+/// cuts off.
+fn image_box(
+    points: impl Iterator<Item = Point3<f64>>,
+    camera: &CameraIntrinsics,
+) -> ([f64; 4], f64) {
+    let pixels: Vec<[f64; 2]> = points.filter_map(|point| camera.project(&point)).collect();
     let bound = |axis: usize| {
         pixels
             .iter()
@@ -189,33 +190,41 @@ fn image_box(corners: &[Point3<f64>; 8], camera: &CameraIntrinsics) -> ([f64; 4]
     (inside, (1.0 - kept).clamp(0.0, 1.0))
 }
 
-/// The part of an edge before the near plane.
-fn clipped(a: Point3<f64>, b: Point3<f64>) -> Option<[Point3<f64>; 2]> {
-    let (near, far) = if a.z < b.z { (a, b) } else { (b, a) };
-    if far.z < NEAR_M {
-        return None;
+/// The corners of what lies of a convex part before the near plane.
+fn clipped(part: &[Point3<f64>]) -> Vec<Point3<f64>> {
+    let (mut front, behind): (Vec<Point3<f64>>, Vec<_>) =
+        part.iter().copied().partition(|p| p.z >= NEAR_M);
+    for near in behind {
+        let far = part.iter().filter(|p| p.z >= NEAR_M);
+        front.extend(far.map(|far| near.lerp(far, (NEAR_M - near.z) / (far.z - near.z))));
     }
-    if near.z >= NEAR_M {
-        return Some([near, far]);
-    }
-    let share = (NEAR_M - near.z) / (far.z - near.z);
-    Some([near + (far - near) * share, far])
+    front
 }
 
 #[cfg(test)]
 mod tests {
     use covista_traffic::VehicleId;
+    use nalgebra::Rotation3;
     use proptest::prelude::*;
 
     use super::*;
 
+    /// A van that fills its box.
     fn truth(center_m: [f64; 3], yaw_rad: f64) -> TruthBox {
+        let size_m = Vector3::new(5.4, 2.0, 2.3);
+        let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), yaw_rad);
+        let corners = (0..8).map(|bits: u8| {
+            let sides = [0, 1, 2].map(|axis| if bits >> axis & 1 == 0 { -0.5 } else { 0.5 });
+            let corner = size_m.component_mul(&Vector3::from(sides));
+            Point3::from(Vector3::from(center_m) + turn * corner)
+        });
         TruthBox {
             id: VehicleId(1),
             model: VehicleModel::Van,
             center_m: center_m.into(),
-            size_m: Vector3::new(5.4, 2.0, 2.3),
+            size_m,
             yaw_rad,
+            parts_m: vec![corners.collect()],
             lane: None,
             lidar_points: 100,
             visibility: 0.5,

@@ -1,16 +1,12 @@
 //! The road about a LIDAR as a chain of short arcs: which paint a spot on the ground lies on.
 
 use covista_traffic::{MarkStyle, Scene};
-use covista_world::MARK_COUNT;
 use nalgebra::{Vector2, Vector3};
 
-use crate::noise::{uniform, value_noise};
+use crate::carriageway::{Carriageway, texture_seed};
+use crate::noise::value_noise;
 
 const SPACING_M: f32 = 2.0;
-/// Beyond the outermost mark the ground is grass from here on.
-const PAVED_SHOULDER_M: f64 = 2.0;
-/// Gap between the lines of a double mark.
-const DOUBLE_GAP_M: f64 = 0.12;
 
 /// What the ground is made of.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,6 +41,7 @@ pub(super) struct RoadStrip {
     paved_m: [f32; 2],
     dash_m: f32,
     dash_period_m: f32,
+    dash_offset_m: f32,
     asphalt: f32,
     paint: f32,
     seed: u32,
@@ -52,7 +49,8 @@ pub(super) struct RoadStrip {
 
 impl RoadStrip {
     pub(super) fn new(scene: &Scene, around: Vector2<f64>, reach_m: f64) -> Self {
-        let (road, markings, look) = (&scene.road, &scene.markings, &scene.look);
+        let (road, look) = (&scene.road, &scene.look);
+        let carriageway = Carriageway::new(scene);
         let middle_s_m = road.to_frenet(around).s_m;
         let steps = (reach_m / f64::from(SPACING_M)).ceil();
         let first_s_m = middle_s_m - steps * f64::from(SPACING_M);
@@ -65,21 +63,17 @@ impl RoadStrip {
                 curvature_per_m: curvature as f32,
             }
         });
-        let beyond_m = markings
-            .lanes_beyond
-            .map(|lanes| f64::from(lanes) * road.lane_width_m());
-        let left_m = road.mark_offset_m(0) + beyond_m[0];
-        let right_m = road.mark_offset_m(MARK_COUNT - 1) - beyond_m[1];
         Self {
             first_s_m: first_s_m as f32,
             nodes: nodes.collect(),
-            stripes: stripes(scene),
-            paved_m: [left_m + PAVED_SHOULDER_M, right_m - PAVED_SHOULDER_M].map(|d| d as f32),
-            dash_m: markings.dash_m as f32,
-            dash_period_m: markings.dash_period_m.max(0.1) as f32,
+            stripes: stripes(&carriageway),
+            paved_m: carriageway.edges_m.map(|edge_m| edge_m as f32),
+            dash_m: carriageway.dash_m as f32,
+            dash_period_m: carriageway.dash_period_m as f32,
+            dash_offset_m: carriageway.dash_offset_m as f32,
             asphalt: 0.23 + 0.3 * look.asphalt_albedo.clamp(0.0, 1.0) as f32,
             paint: 0.80 - 0.4 * look.paint_wear.clamp(0.0, 1.0) as f32,
-            seed: (look.texture_seed ^ (look.texture_seed >> 32)) as u32,
+            seed: texture_seed(look),
         }
     }
 
@@ -134,43 +128,27 @@ impl RoadStrip {
     }
 
     fn in_dash(&self, s_m: f32) -> bool {
-        let periods = s_m / self.dash_period_m - uniform(self.seed, 4, 7919);
+        let periods = (s_m - self.dash_offset_m) / self.dash_period_m;
         (periods - periods.floor()) * self.dash_period_m < self.dash_m
     }
 }
 
-/// Paint of the four marks and of the lanes beyond them.
-fn stripes(scene: &Scene) -> Vec<Stripe> {
-    let (road, markings) = (&scene.road, &scene.markings);
-    let width_m = markings.paint_width_m;
-    let line = |center_m: f64, dashed: bool| Stripe {
-        from_m: (center_m - width_m / 2.0) as f32,
-        to_m: (center_m + width_m / 2.0) as f32,
-        dashed,
-    };
-    let mut stripes = Vec::new();
-    for (mark, style) in markings.styles.iter().enumerate() {
-        let center_m = road.mark_offset_m(mark);
-        match style {
-            MarkStyle::None => {}
-            MarkStyle::Solid => stripes.push(line(center_m, false)),
-            MarkStyle::Dashed => stripes.push(line(center_m, true)),
-            MarkStyle::Double => {
-                let half_m = (DOUBLE_GAP_M + width_m) / 2.0;
-                stripes.push(line(center_m - half_m, false));
-                stripes.push(line(center_m + half_m, false));
+/// Paint of all lanes of the carriageway.
+fn stripes(road: &Carriageway) -> Vec<Stripe> {
+    let half_m = road.paint_width_m / 2.0;
+    let marks = road.styles.iter().enumerate();
+    let stripes = marks.flat_map(|(mark, &style)| {
+        let lines = road.lines_m(style);
+        lines.map(move |line_m| {
+            let center_m = road.mark_m(mark) + line_m;
+            Stripe {
+                from_m: (center_m - half_m) as f32,
+                to_m: (center_m + half_m) as f32,
+                dashed: style == MarkStyle::Dashed,
             }
-        }
-    }
-    let sides = [(0, 1.0), (MARK_COUNT - 1, -1.0)];
-    for (lanes, (mark, outwards)) in markings.lanes_beyond.iter().zip(sides) {
-        for lane in 1..=*lanes {
-            let beyond_m = f64::from(lane) * road.lane_width_m();
-            let center_m = road.mark_offset_m(mark) + outwards * beyond_m;
-            stripes.push(line(center_m, lane < *lanes));
-        }
-    }
-    stripes
+        })
+    });
+    stripes.collect()
 }
 
 /// Where the ground lies `direction` away, seen from above.
@@ -250,8 +228,8 @@ mod tests {
         };
         let close = |found: f64, expected: f64| assert!((found - expected).abs() < 0.02, "{found}");
         close(share(5.25), 0.0);
-        close(share(5.25 + 0.13), 1.0);
-        close(share(5.25 - 0.13), 1.0);
+        close(share(5.25 + 0.15), 1.0);
+        close(share(5.25 - 0.15), 1.0);
         close(share(1.75), 0.0);
         close(share(-1.75), 0.25);
         close(share(-5.25), 1.0);

@@ -222,7 +222,6 @@ impl Lidar {
 impl Table {
     fn check(&self, origin: &str) -> Result<(), LidarError> {
         let share = 0.0..=1.0;
-        let positive = f64::MIN_POSITIVE..=1e4;
         let fields = [
             (
                 "columns",
@@ -233,10 +232,10 @@ impl Table {
             (
                 "rotation_hz",
                 self.rotation_hz,
-                positive.clone(),
-                "a positive number",
+                0.1..=1e3,
+                "between 0.1 and 1000 turns a second",
             ),
-            ("range_m", self.range_m, positive, "a positive number"),
+            ("range_m", self.range_m, 0.1..=1e4, "between 0.1 and 10000"),
             (
                 "range_std_m",
                 self.range_std_m,
@@ -350,8 +349,12 @@ impl Bank {
         if azimuths_deg.iter().any(|azimuth| !azimuth.is_finite()) {
             return Err("azimuths_deg has a value that is no finite number; correct it");
         }
-        if !(self.height_m.is_finite() && (0.0..=10.0).contains(&self.elevation_std_deg)) {
-            return Err("height_m must be a finite number and elevation_std_deg between 0 and 10");
+        if !((-10.0..=10.0).contains(&self.height_m)
+            && (0.0..=10.0).contains(&self.elevation_std_deg))
+        {
+            return Err(
+                "height_m must be between -10 and 10 and elevation_std_deg between 0 and 10",
+            );
         }
         let beams = elevations_deg.iter().zip(azimuths_deg);
         Ok(beams
@@ -445,7 +448,7 @@ mod tests {
             ),
             (
                 WHOLE.replace("range_m = 50.0", "range_m = nan"),
-                "range_m is NaN; it must be a positive number",
+                "range_m is NaN; it must be between 0.1 and 10000",
             ),
             (
                 WHOLE.replace("blank_m = 0.5", "blank_m = 60"),

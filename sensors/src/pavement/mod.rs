@@ -14,7 +14,7 @@ use self::paint::Paint;
 use self::surface::Surface;
 use self::verge::Verge;
 use crate::appearance::{Light, Rgb};
-use crate::noise::uniform;
+use crate::carriageway::texture_seed;
 use crate::tile::Tile;
 
 const GRAVEL_M: f64 = 0.5;
@@ -56,8 +56,6 @@ pub(crate) struct Pavement {
     surface: Surface,
     verge: Verge,
     canopy: Option<Canopy>,
-    /// Left and right edge of the pavement, from the reference line to the left.
-    edges_m: [f64; 2],
     wetness: f32,
     seed: u32,
 }
@@ -65,16 +63,13 @@ pub(crate) struct Pavement {
 impl Pavement {
     pub(crate) fn new(scene: &Scene) -> Self {
         let look = &scene.look;
-        let seed = (look.texture_seed ^ (look.texture_seed >> 32)) as u32;
+        let seed = texture_seed(look);
         let paint = Paint::new(scene, seed);
-        let [left, right] = [2, 3].map(|index| 1.5 + f64::from(uniform(seed, index, 7919)));
-        let edges_m = [paint.leftmost_m + left, paint.rightmost_m() - right];
         Self {
-            surface: Surface::new(&paint, edges_m, look.asphalt_albedo, look.damage, seed),
+            surface: Surface::new(&paint.road, look.asphalt_albedo, look.damage, seed),
             paint,
             verge: Verge::new(seed),
             canopy: Canopy::new(seed),
-            edges_m,
             wetness: look.wetness.clamp(0.0, 1.0) as f32,
             seed,
         }
@@ -133,7 +128,7 @@ impl Pavement {
 
     /// How far `d_m` lies outside of the paved shoulders.
     fn beyond_pavement_m(&self, d_m: f64) -> f64 {
-        let [left_m, right_m] = self.edges_m;
+        let [left_m, right_m] = self.paint.road.edges_m;
         (d_m - left_m).max(right_m - d_m)
     }
 

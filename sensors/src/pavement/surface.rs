@@ -1,9 +1,9 @@
 use nalgebra::Vector3;
 
 use super::damage::Damage;
-use super::paint::Paint;
 use super::{GroundPatch, stripe_share};
 use crate::appearance::Rgb;
+use crate::carriageway::Carriageway;
 use crate::noise::{floor, uniform};
 use crate::tile::Tile;
 
@@ -27,13 +27,7 @@ pub(super) struct Surface {
 }
 
 impl Surface {
-    pub(super) fn new(
-        paint: &Paint,
-        [left_m, right_m]: [f64; 2],
-        albedo: f64,
-        damage: f64,
-        seed: u32,
-    ) -> Self {
+    pub(super) fn new(road: &Carriageway, albedo: f64, damage: f64, seed: u32) -> Self {
         let draw = |index: i32| uniform(seed ^ 0xA5F, index, 3);
         let damage = damage.clamp(0.0, 1.0) as f32;
         let albedo = albedo.clamp(0.02, 1.0) as f32;
@@ -52,9 +46,9 @@ impl Surface {
         Self {
             color: Vector3::new(1.0 + warmth, 1.0, 1.0 - 1.3 * warmth) * grey,
             slab_m,
-            left_m,
-            lane_width_m: paint.lane_width_m,
-            profile: profile(paint, left_m, right_m, concrete, damage, seed),
+            left_m: road.edges_m[0],
+            lane_width_m: road.lane_width_m,
+            profile: profile(road, concrete, damage, seed),
             coarseness: 0.05 + 0.08 * draw(3),
             stains: if concrete { 0.24 } else { 0.05 } * (0.3 + draw(4) + damage),
             damage: Damage::new(damage, seed),
@@ -119,14 +113,8 @@ impl Surface {
 }
 
 /// Prefix sums of the tones across the road.
-fn profile(
-    paint: &Paint,
-    left_m: f64,
-    right_m: f64,
-    concrete: bool,
-    damage: f32,
-    seed: u32,
-) -> Vec<f32> {
+fn profile(road: &Carriageway, concrete: bool, damage: f32, seed: u32) -> Vec<f32> {
+    let [left_m, right_m] = road.edges_m;
     let draw = |index: i32, lane: i32| uniform(seed ^ 0x9A0F, index, lane);
     let steps = ((left_m - right_m) / PROFILE_STEP_M).ceil() as usize + 1;
     let d_m = |step: usize| left_m - (step as f64 + 0.5) * PROFILE_STEP_M;
@@ -138,8 +126,8 @@ fn profile(
         }
     };
     let (tracks, oil) = if concrete { (0.10, 0.24) } else { (0.08, 0.09) };
-    for lane in 0..paint.lane_count() as i32 {
-        let middle_m = paint.leftmost_m - (f64::from(lane) + 0.5) * paint.lane_width_m;
+    for lane in 0..road.lane_count() as i32 {
+        let middle_m = road.leftmost_m - (f64::from(lane) + 0.5) * road.lane_width_m;
         for side in [-0.87, 0.87] {
             // Tyres darken concrete and polish old asphalt; some tracks shine.
             let sign = if concrete || draw(0, -1) < 0.65 {
@@ -153,8 +141,7 @@ fn profile(
         // Seams of tar and traces of ground off lines run along the lanes.
         for seam in 0..2 {
             if draw(3 + 4 * seam, lane) < 0.10 + 0.40 * damage {
-                let at_m =
-                    middle_m + paint.lane_width_m * f64::from(draw(4 + 4 * seam, lane) - 0.5);
+                let at_m = middle_m + road.lane_width_m * f64::from(draw(4 + 4 * seam, lane) - 0.5);
                 let dark = draw(5 + 4 * seam, lane) < 0.7;
                 let width_m = f64::from(0.02 + 0.05 * draw(6 + 4 * seam, lane));
                 let strength = 0.15 + 0.35 * damage;
@@ -164,16 +151,16 @@ fn profile(
     }
     // Every lane is paved in one pass of its own, a little beside its marks.
     let joint_m = 0.3 * f64::from(draw(20, 0) - 0.5);
-    for pass in 0..=paint.lane_count() as i32 {
-        let at_m = paint.leftmost_m - f64::from(pass) * paint.lane_width_m + joint_m;
+    for pass in 0..=road.lane_count() as i32 {
+        let at_m = road.leftmost_m - f64::from(pass) * road.lane_width_m + joint_m;
         if draw(21, pass) < 0.3 + 0.4 * damage {
             add(at_m, 0.02, -0.30 * draw(22, pass));
         }
     }
     let shoulder = 0.35 * (draw(23, 0) - 0.6);
     for (step, tone) in tones.iter_mut().enumerate() {
-        let pass = floor((paint.leftmost_m + joint_m - d_m(step)) / paint.lane_width_m);
-        let beyond = pass < 0 || pass >= paint.lane_count() as i32;
+        let pass = floor((road.leftmost_m + joint_m - d_m(step)) / road.lane_width_m);
+        let beyond = pass < 0 || pass >= road.lane_count() as i32;
         *tone += if beyond {
             shoulder
         } else {

@@ -84,8 +84,8 @@ fn lanes_beyond_widen_the_road_and_end_at_an_edge_line() {
     scene.markings.lanes_beyond = [2, 1];
     scene.markings.styles[0] = MarkStyle::Dashed;
     let wide = Pavement::new(&scene);
-    assert!((wide.edges_m[0] - narrow.edges_m[0] - 7.0).abs() < 1e-9);
-    assert!((wide.edges_m[1] - narrow.edges_m[1] + 3.5).abs() < 1e-9);
+    assert!((wide.paint.road.edges_m[0] - narrow.paint.road.edges_m[0] - 7.0).abs() < 1e-9);
+    assert!((wide.paint.road.edges_m[1] - narrow.paint.road.edges_m[1] + 3.5).abs() < 1e-9);
     let unbroken = |d_m: f64| {
         (0..200).all(|i| {
             let patch = patch(0.1 * f64::from(i), d_m, 0.002);

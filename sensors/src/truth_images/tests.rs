@@ -5,8 +5,9 @@ use covista_world::{Calibration, Se2Pose};
 use nalgebra::{Point3, Vector2};
 
 use super::*;
-use crate::RayScene;
+use crate::kitti::KittiLabel;
 use crate::testing::{EGO, empty_road, vehicle};
+use crate::{LabelledCloud, RayScene, truth_boxes};
 
 const OTHER: VehicleId = VehicleId(9);
 
@@ -14,7 +15,7 @@ const OTHER: VehicleId = VehicleId(9);
 fn tilted() -> Calibration {
     let text = include_str!("../../../assets/calibration/kitti.toml");
     let turned = "yaw_deg = 4.0\npitch_deg = -6.0\nroll_deg = 5.0\n[lidar]";
-    Calibration::parse(&text.replace("[lidar]", turned)).expect("a calibration")
+    Calibration::parse(&text.replace("[lidar]", turned), "tilted").expect("a calibration")
 }
 
 fn slope(rise: f64, bank: f64) -> Arc<Terrain> {
@@ -57,37 +58,28 @@ fn overlap_over_union(a: [f64; 4], b: [f64; 4]) -> f64 {
 }
 
 #[test]
-fn a_car_covers_its_projected_body_on_any_ground_and_camera() {
+fn a_vehicle_fills_the_box_of_its_label_on_any_ground_and_camera() {
     let cameras = [Calibration::kitti(), tilted()];
-    for (terrain, camera) in [
-        (Arc::default(), 0),
-        (Arc::default(), 1),
-        (slope(0.06, -0.04), 0),
-        (hills(), 0),
-        (slope(-0.05, 0.05), 1),
-    ] {
-        let mut scene = empty_road();
-        scene.terrain = terrain;
-        let pose = Se2Pose::new(11.0, -2.0, 0.3);
-        scene.vehicles.push(vehicle(OTHER, VehicleModel::Suv, pose));
-        images(&scene, &cameras[camera], |view, images| {
-            let placed = scene.placed(&scene.vehicles[1]);
-            let camera_from_body = view.world_from_camera().inverse() * placed;
-            let parts = VehicleModel::Suv.body().parts.iter();
-            let corners = parts.flat_map(|part| &part.vertices);
-            let body = bounds(corners.filter_map(|corner| {
-                view.calibration
-                    .intrinsics
-                    .project(&(camera_from_body * corner))
-            }));
-            let number = instance_number(&scene, ObjectRef::Vehicle(OTHER));
-            assert_eq!(number, 2);
-            let covered = (0..images.instance.len()).filter(|&i| images.instance[i] == number);
-            let width = images.width_px as usize;
-            let mask = bounds(covered.map(|i| [(i % width) as f64, (i / width) as f64]));
-            let share = overlap_over_union(body, mask);
-            assert!(share > 0.95, "{share} {body:?} {mask:?}");
-        });
+    for (terrain, camera) in [(Arc::default(), 0), (hills(), 0), (slope(-0.05, 0.05), 1)] {
+        for (index, model) in VehicleModel::ALL.into_iter().enumerate() {
+            let mut scene = empty_road();
+            scene.terrain = Arc::clone(&terrain);
+            let pose = Se2Pose::new(14.0, -2.0, 0.3 + 0.5 * index as f64);
+            scene.vehicles.push(vehicle(OTHER, model, pose));
+            images(&scene, &cameras[camera], |view, images| {
+                let [truth] = &truth_boxes(view, &LabelledCloud::default())[..] else {
+                    panic!("one box")
+                };
+                let label = KittiLabel::new(truth, view.calibration);
+                let number = instance_number(&scene, ObjectRef::Vehicle(OTHER));
+                assert_eq!(number, 2);
+                let covered = (0..images.instance.len()).filter(|&i| images.instance[i] == number);
+                let width = images.width_px as usize;
+                let mask = bounds(covered.map(|i| [(i % width) as f64, (i / width) as f64]));
+                let share = overlap_over_union(label.bbox_px, mask);
+                assert!(share > 0.95, "{model:?} {share} {label} {mask:?}");
+            });
+        }
     }
 }
 

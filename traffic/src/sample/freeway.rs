@@ -131,7 +131,7 @@ pub(super) fn draw(rng: &mut impl Rng) -> Draft {
     }
     roadside::draw_overhead(rng, &mut site, course.ego_s_m, paved_m);
     Draft {
-        markings: draw_markings(rng, ways.lanes_beyond),
+        markings: draw_markings(rng, &ways),
         scenery: site.bodies,
         terrain,
         vehicles,
@@ -168,7 +168,9 @@ fn draw_vehicles(rng: &mut impl Rng, course: &Course, ways: &Carriageways) -> Ve
     vehicles
 }
 
-fn draw_markings(rng: &mut impl Rng, lanes_beyond: [u8; 2]) -> RoadMarkings {
+fn draw_markings(rng: &mut impl Rng, ways: &Carriageways) -> RoadMarkings {
+    let lanes_beyond = ways.lanes_beyond;
+    let [right_m, left_m] = ways.shoulders_m;
     let mut edge = |beyond: u8| match rng.random_range(0..20) {
         _ if beyond > 0 => MarkStyle::Dashed,
         0 => MarkStyle::Double,
@@ -198,5 +200,6 @@ fn draw_markings(rng: &mut impl Rng, lanes_beyond: [u8; 2]) -> RoadMarkings {
         dash_m,
         dash_period_m,
         lanes_beyond,
+        shoulders_m: [left_m, right_m],
     }
 }

@@ -22,6 +22,7 @@ use crate::{MarkStyle, RoadMarkings, SceneVehicle, VehicleModel};
 const GRADE_MAX: f64 = 0.10;
 const PARKED_M: [f64; 2] = [-45.0, 80.0];
 const VEHICLES_MAX: usize = 60;
+const BELOW_SIDEWALK_M: f64 = 0.5;
 
 /// How cars are parked on one side.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -199,7 +200,11 @@ pub(super) fn draw(rng: &mut impl Rng) -> Draft {
         plots::furnish(rng, &mut site, side, plots);
     }
     Draft {
-        markings: draw_markings(rng, &driven),
+        markings: draw_markings(
+            rng,
+            &driven,
+            [&sides[1], &sides[0]].map(|side| side.curb_m - half_road_m),
+        ),
         scenery: site.bodies,
         terrain,
         vehicles,
@@ -276,7 +281,10 @@ fn draw_driveway_car(rng: &mut impl Rng, road: &Road, side: &Side, plot: &Plot) 
 }
 
 /// Mostly none; else a dashed line between the two directions, edge lines, or both.
-fn draw_markings(rng: &mut impl Rng, driven: &Driven) -> RoadMarkings {
+///
+/// The pavement goes on a little below the sidewalks, which begin `to_curb_m` (left, right) beyond
+/// the outermost marks.
+fn draw_markings(rng: &mut impl Rng, driven: &Driven, to_curb_m: [f64; 2]) -> RoadMarkings {
     use MarkStyle::{Dashed, None, Solid};
     let mut styles = [None; 4];
     let divides = usize::from(driven.ego_lane.get());
@@ -293,6 +301,7 @@ fn draw_markings(rng: &mut impl Rng, driven: &Driven) -> RoadMarkings {
         paint_width_m: rng.random_range(0.1..0.15),
         dash_m: 3.0,
         dash_period_m: if rng.random_bool(0.5) { 9.0 } else { 12.0 },
+        shoulders_m: to_curb_m.map(|shoulder_m| shoulder_m + BELOW_SIDEWALK_M),
         ..RoadMarkings::default()
     }
 }
