@@ -53,9 +53,7 @@ impl<'a> Ray<'a> {
     /// Passes over the blocks of cells that it stays above, and looks at the cells of the others
     /// where it is below the plane that covers the block.
     fn meet(&self, max_m: f64) -> Option<f64> {
-        let [x, y] = self.step;
-        let level_m = (x * x + y * y).sqrt() * self.grid.spacing_m;
-        if self.climb >= self.grid.steepest * level_m {
+        if self.rises() {
             return None;
         }
         let blocks = &self.grid.blocks;
@@ -79,6 +77,14 @@ impl<'a> Ray<'a> {
             walk.advance();
         }
         None
+    }
+
+    /// Whether the ray rises at least as steeply as the steepest ground.
+    fn rises(&self) -> bool {
+        let [x, y] = self
+            .step
+            .map(|step| step * self.grid.spacing_m * self.grid.steepest);
+        self.climb >= 0.0 && self.climb * self.climb >= x * x + y * y
     }
 
     /// From where to where between two distances the ray is below a plane.
