@@ -1,7 +1,10 @@
+mod blocks;
 mod ray;
 
 use covista_world::{Se2Pose, VehicleDimensions};
 use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
+
+use self::blocks::Blocks;
 
 /// Height of the ground above the plane z = 0, in the world frame.
 ///
@@ -19,6 +22,7 @@ struct Grid {
     nodes_per_side: usize,
     heights_m: Vec<f32>,
     steepest: f64,
+    blocks: Blocks,
 }
 
 impl Terrain {
@@ -69,6 +73,7 @@ impl Terrain {
                 corner,
                 spacing_m,
                 nodes_per_side,
+                blocks: Blocks::new(&heights_m, nodes_per_side),
                 heights_m,
                 steepest,
             }),

@@ -106,31 +106,85 @@ pub enum RoadError {
 struct Node {
     s_m: f64,
     pose: Se2Pose,
+    forward: Vector2<f64>,
     curvature: f64,
     /// Change of curvature per metre up to the next node.
     sharpness: f64,
 }
 
 impl Node {
-    fn heading_at(&self, ds: f64) -> f64 {
-        self.pose.yaw_rad + self.curvature * ds + 0.5 * self.sharpness * ds * ds
+    fn new(s_m: f64, pose: Se2Pose) -> Self {
+        Self {
+            s_m,
+            pose,
+            forward: pose.forward(),
+            curvature: 0.0,
+            sharpness: 0.0,
+        }
+    }
+
+    fn turned_at(&self, ds: f64) -> f64 {
+        self.curvature * ds + 0.5 * self.sharpness * ds * ds
+    }
+
+    fn curvature_at(&self, ds: f64) -> f64 {
+        self.curvature + self.sharpness * ds
+    }
+
+    /// Direction of the reference line `ds` further on.
+    fn forward_at(&self, ds: f64) -> Vector2<f64> {
+        rotated(self.forward, unit_vector(self.turned_at(ds)))
     }
 
     fn position_at(&self, ds: f64) -> Vector2<f64> {
         // Gauss-Legendre quadrature with three points: exact to 1e-13 over half a metre.
-        let (offset, outer, inner) = ((0.6_f64).sqrt(), 5.0 / 18.0, 8.0 / 18.0);
-        [(-offset, outer), (0.0, inner), (offset, outer)]
-            .iter()
-            .fold(self.pose.position(), |sum, &(node, weight)| {
-                let (sin, cos) = self.heading_at(0.5 * ds * (1.0 + node)).sin_cos();
-                sum + weight * ds * Vector2::new(cos, sin)
-            })
+        const OUTER: f64 = 0.774_596_669_241_483_4;
+        let at = |node: f64| unit_vector(self.turned_at(0.5 * ds * (1.0 + node)));
+        let sum = (at(-OUTER) + at(OUTER)) * (5.0 / 18.0) + at(0.0) * (8.0 / 18.0);
+        self.pose.position() + rotated(self.forward, sum * ds)
     }
 
     fn pose_at(&self, ds: f64) -> Se2Pose {
         let position = self.position_at(ds);
-        Se2Pose::new(position.x, position.y, wrap_angle(self.heading_at(ds)))
+        let yaw_rad = self.pose.yaw_rad + self.turned_at(ds);
+        Se2Pose::new(position.x, position.y, wrap_angle(yaw_rad))
     }
+}
+
+/// Cosine and sine of the small angle by which a road turns within half a metre: exact to 1e-14
+/// up to half a radian, without a call of the library.
+fn unit_vector(angle_rad: f64) -> Vector2<f64> {
+    let x = angle_rad;
+    let q = x * x;
+    let cos =
+        1.0 - q / 2.0 * (1.0 - q / 12.0 * (1.0 - q / 30.0 * (1.0 - q / 56.0 * (1.0 - q / 90.0))));
+    let sin = x
+        * (1.0
+            - q / 6.0 * (1.0 - q / 20.0 * (1.0 - q / 42.0 * (1.0 - q / 72.0 * (1.0 - q / 110.0)))));
+    Vector2::new(cos, sin)
+}
+
+/// `vector`, turned by the angle whose cosine and sine are given.
+fn rotated(vector: Vector2<f64>, by: Vector2<f64>) -> Vector2<f64> {
+    Vector2::new(
+        vector.x * by.x - vector.y * by.y,
+        vector.x * by.y + vector.y * by.x,
+    )
+}
+
+/// Nodes at equal distances.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Stretch {
+    from_m: f64,
+    first_node: usize,
+    nodes_per_m: f64,
+}
+
+/// A point of the reference line without its angle.
+struct Reference {
+    position: Vector2<f64>,
+    forward: Vector2<f64>,
+    curvature_per_m: f64,
 }
 
 /// A three-lane road along a reference line, which is the centre line of the middle lane.
@@ -139,6 +193,7 @@ impl Node {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Road {
     nodes: Vec<Node>,
+    stretches: Vec<Stretch>,
     length_m: f64,
     lane_width_m: f64,
     sharpest_per_m: f64,
@@ -157,12 +212,8 @@ impl Road {
         if segments.is_empty() {
             return Err(RoadError::Empty);
         }
-        let mut nodes = vec![Node {
-            s_m: 0.0,
-            pose: start,
-            curvature: 0.0,
-            sharpness: 0.0,
-        }];
+        let mut nodes = vec![Node::new(0.0, start)];
+        let mut stretches = Vec::with_capacity(segments.len());
         let half_width = lane_width_m * f64::from(LANE_COUNT) / 2.0;
         for (index, segment) in segments.iter().enumerate() {
             let length = segment.length_m();
@@ -182,16 +233,16 @@ impl Road {
             }
             let count = (length / NODE_SPACING_M).ceil();
             let (ds, sharpness) = (length / count, (to - from) / length);
+            stretches.push(Stretch {
+                from_m: nodes.last().map_or(0.0, |node| node.s_m),
+                first_node: nodes.len() - 1,
+                nodes_per_m: 1.0 / ds,
+            });
             for i in 0..count as usize {
                 let Some(last) = nodes.last_mut() else { break };
                 last.curvature = from + sharpness * ds * i as f64;
                 last.sharpness = sharpness;
-                let next = Node {
-                    s_m: last.s_m + ds,
-                    pose: last.pose_at(ds),
-                    curvature: 0.0,
-                    sharpness: 0.0,
-                };
+                let next = Node::new(last.s_m + ds, last.pose_at(ds));
                 nodes.push(next);
             }
         }
@@ -204,6 +255,7 @@ impl Road {
             });
         Ok(Self {
             nodes,
+            stretches,
             length_m,
             lane_width_m,
             sharpest_per_m,
@@ -248,20 +300,54 @@ impl Road {
             .flatten()
     }
 
+    /// The last node that does not lie beyond `s_m`, or the first one.
     fn node_before(&self, s_m: f64) -> &Node {
-        let index = self.nodes.partition_point(|node| node.s_m <= s_m);
-        &self.nodes[index.saturating_sub(1)]
+        let last = self.nodes.len() - 1;
+        let stretch = self.stretches.partition_point(|known| known.from_m <= s_m);
+        let stretch = &self.stretches[stretch.saturating_sub(1)];
+        let steps = (s_m - stretch.from_m) * stretch.nodes_per_m;
+        // Rounding may lead to a neighbour of the right one.
+        let mut index = (stretch.first_node + steps as usize).min(last);
+        while index > 0 && self.nodes[index].s_m > s_m {
+            index -= 1;
+        }
+        while index < last && self.nodes[index + 1].s_m <= s_m {
+            index += 1;
+        }
+        &self.nodes[index]
+    }
+
+    fn is_beyond_ends(&self, s_m: f64) -> bool {
+        s_m < 0.0 || s_m >= self.length_m
     }
 
     /// The reference line at `s_m`: its pose and curvature.
     pub fn reference(&self, s_m: f64) -> (Se2Pose, f64) {
         let node = self.node_before(s_m);
         let ds = s_m - node.s_m;
-        if s_m < 0.0 || s_m >= self.length_m {
+        if self.is_beyond_ends(s_m) {
             let straight = node.pose.compose(Se2Pose::new(ds, 0.0, 0.0));
             return (straight, 0.0);
         }
-        (node.pose_at(ds), node.curvature + node.sharpness * ds)
+        (node.pose_at(ds), node.curvature_at(ds))
+    }
+
+    /// As [`Road::reference`], without any angle.
+    fn reference_line(&self, s_m: f64) -> Reference {
+        let node = self.node_before(s_m);
+        let ds = s_m - node.s_m;
+        if self.is_beyond_ends(s_m) {
+            return Reference {
+                position: node.pose.position() + node.forward * ds,
+                forward: node.forward,
+                curvature_per_m: 0.0,
+            };
+        }
+        Reference {
+            position: node.position_at(ds),
+            forward: node.forward_at(ds),
+            curvature_per_m: node.curvature_at(ds),
+        }
     }
 
     /// Curvature of the reference line at `s_m` in 1/m, positive to the left.
@@ -286,8 +372,8 @@ impl Road {
 
     /// World position of a Frenet point.
     pub fn from_frenet(&self, point: FrenetPoint) -> Vector2<f64> {
-        let (pose, _) = self.reference(point.s_m);
-        pose.transform(Vector2::new(0.0, point.d_m))
+        let line = self.reference_line(point.s_m);
+        line.position + rotated(line.forward, Vector2::new(0.0, point.d_m))
     }
 
     /// World pose at a Frenet position, with heading `psi_rad` relative to the road.
@@ -314,13 +400,13 @@ impl Road {
         let mut s_m = s_hint_m;
         let mut d_m = 0.0;
         for _ in 0..12 {
-            let (pose, curvature) = self.reference(s_m);
-            let local = pose.inverse_transform(position);
-            d_m = local.y;
+            let line = self.reference_line(s_m);
+            let arm = position - line.position;
+            d_m = line.forward.perp(&arm);
             // Newton on the along-track residual; its slope is 1 - kappa d.
-            let step = local.x / (1.0 - curvature * local.y).max(0.2);
+            let step = line.forward.dot(&arm) / (1.0 - line.curvature_per_m * d_m).max(0.2);
             s_m += step.clamp(-8.0, 8.0);
-            if step.abs() < 1e-10 {
+            if step.abs() < 1e-7 {
                 break;
             }
         }

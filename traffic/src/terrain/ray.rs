@@ -1,11 +1,10 @@
-use nalgebra::{Point3, Vector2, Vector3};
+use nalgebra::{Point3, Vector3};
 
+use super::blocks::Blocks;
 use super::{Grid, Terrain};
 
 /// No ray is followed beyond this.
 const FARTHEST_M: f64 = 10_000.0;
-/// How far a ray is pushed over the border of a cell.
-const NUDGE_M: f64 = 1e-6;
 
 impl Terrain {
     /// Distance along the ray from `origin` along the unit vector `direction` to the point within
@@ -18,94 +17,248 @@ impl Terrain {
                 let distance_m = -origin.z / direction.z;
                 (direction.z < 0.0 && distance_m > 0.0 && distance_m <= max_m).then_some(distance_m)
             }
-            Some(grid) => grid.meet(origin, direction, max_m.min(FARTHEST_M)),
+            Some(grid) => Ray::over(grid, origin, direction).meet(max_m.min(FARTHEST_M)),
         }
     }
 }
 
-/// The ground of one cell along a ray, as a function of the distance from where the ray stands.
-struct Crossing {
-    /// Height of the ray above the ground: c + b s + a s^2.
-    clearance_m: [f64; 3],
-    /// Distance to the border of the cell.
-    exit_m: f64,
+/// A ray above a grid, its horizontal coordinates in cells from the grid's corner.
+struct Ray<'a> {
+    grid: &'a Grid,
+    from: [f64; 2],
+    /// Cells per metre along the ray, and the reverse.
+    step: [f64; 2],
+    cell_m: [f64; 2],
+    height_m: f64,
+    climb: f64,
 }
 
-impl Grid {
-    /// Safe steps by the steepest slope through the air, and the root of a quadratic where the
-    /// ground is near: along a straight line the height of a bilinear patch is one.
-    fn meet(&self, origin: &Point3<f64>, direction: &Vector3<f64>, max_m: f64) -> Option<f64> {
-        let closing = self.steepest * direction.xy().norm() - direction.z;
+impl<'a> Ray<'a> {
+    fn over(grid: &'a Grid, origin: &Point3<f64>, direction: &Vector3<f64>) -> Self {
+        let per_m = 1.0 / grid.spacing_m;
+        let step = [direction.x * per_m, direction.y * per_m];
+        Self {
+            grid,
+            from: [
+                (origin.x - grid.corner.x) * per_m,
+                (origin.y - grid.corner.y) * per_m,
+            ],
+            step,
+            cell_m: step.map(|step| 1.0 / step),
+            height_m: origin.z,
+            climb: direction.z,
+        }
+    }
+
+    /// Passes over the blocks of cells that it stays above, and looks at the cells of the others
+    /// where it is below the plane that covers the block.
+    fn meet(&self, max_m: f64) -> Option<f64> {
+        if self.rises() {
+            return None;
+        }
+        let blocks = &self.grid.blocks;
+        let scale = 1.0 / Blocks::CELLS as f64;
+        let mut walk = Walk::new(
+            self.from.map(|from| from * scale),
+            self.step.map(|step| step * scale),
+            self.cell_m.map(|cell_m| cell_m * Blocks::CELLS as f64),
+            0.0,
+            blocks.to_a_side,
+        );
         let mut along_m = 0.0;
-        while closing > 0.0 && along_m <= max_m {
-            let crossing = self.crossing(&(origin + direction * along_m), direction);
-            let clear_m = crossing.clearance_m[0];
-            if clear_m <= 0.0 {
-                return (along_m > 0.0).then_some(along_m);
+        while along_m < max_m {
+            let exit_m = walk.exit_m().min(max_m);
+            if let Some([near_m, far_m]) = self.below(blocks.cover(walk.cell), [along_m, exit_m])
+                && let Some(distance_m) = self.meet_cell(near_m, far_m)
+            {
+                return (distance_m > 0.0).then_some(distance_m);
             }
-            let safe_m = clear_m / closing;
-            if safe_m > crossing.exit_m {
-                along_m += safe_m;
-            } else if let Some(root_m) = crossing.root_m() {
-                return Some(along_m + root_m).filter(|&distance_m| distance_m <= max_m);
-            } else {
-                along_m += crossing.exit_m + NUDGE_M;
-            }
+            along_m = exit_m;
+            walk.advance();
         }
         None
     }
 
-    fn crossing(&self, from: &Point3<f64>, direction: &Vector3<f64>) -> Crossing {
-        let last = (self.nodes_per_side - 1) as f64;
-        let at = (from.coords.xy() - self.corner) / self.spacing_m;
-        let step = direction.xy() / self.spacing_m;
-        let cell = at.map(f64::floor);
+    /// Whether the ray rises at least as steeply as the steepest ground.
+    fn rises(&self) -> bool {
+        let [x, y] = self
+            .step
+            .map(|step| step * self.grid.spacing_m * self.grid.steepest);
+        self.climb >= 0.0 && self.climb * self.climb >= x * x + y * y
+    }
+
+    /// From where to where between two distances the ray is below a plane.
+    fn below(&self, plane: [f64; 3], [near_m, far_m]: [f64; 2]) -> Option<[f64; 2]> {
+        let [height_m, per_x, per_y] = plane;
+        let above_m = self.height_m - height_m - per_x * self.from[0] - per_y * self.from[1];
+        let closing = per_x * self.step[0] + per_y * self.step[1] - self.climb;
+        let (enters, leaves) = (above_m > closing * near_m, above_m > closing * far_m);
+        match (enters, leaves) {
+            (true, true) => None,
+            (true, false) => Some([above_m / closing, far_m]),
+            (false, true) => Some([near_m, above_m / closing]),
+            (false, false) => Some([near_m, far_m]),
+        }
+    }
+
+    /// The first point from `near_m` to `far_m` below the ground, cell by cell.
+    fn meet_cell(&self, near_m: f64, far_m: f64) -> Option<f64> {
+        let mut walk = self.walk(near_m);
+        let mut along_m = near_m;
+        while along_m < far_m {
+            let exit_m = walk.exit_m();
+            let clearance_m = self.clearance(&self.patch(walk.cell), along_m);
+            let end_m = exit_m.min(far_m);
+            if let Some(root_m) = first_root(clearance_m, end_m - along_m) {
+                return Some(along_m + root_m);
+            }
+            along_m = exit_m;
+            walk.advance();
+        }
+        None
+    }
+
+    fn at(&self, along_m: f64) -> [f64; 2] {
+        [0, 1].map(|axis| self.from[axis] + self.step[axis] * along_m)
+    }
+
+    /// The way over the cells from `along_m` on.
+    fn walk(&self, along_m: f64) -> Walk {
+        let cells_to_a_side = self.grid.nodes_per_side - 1;
+        Walk::new(
+            self.at(along_m),
+            self.step,
+            self.cell_m,
+            along_m,
+            cells_to_a_side,
+        )
+    }
+
+    /// The ground of a cell: its height is `corner + rise . (x, y) + twist x y`, with (x, y) from
+    /// the grid's corner.
+    fn patch(&self, cell: [usize; 2]) -> Patch {
+        let last = self.grid.nodes_per_side - 1;
         // Beyond the grid the ground goes on at the height of its rim.
-        let index = |cell: f64| cell.clamp(0.0, last) as usize;
-        let columns = [index(cell.x), index(cell.x + 1.0)];
-        let rows = [index(cell.y), index(cell.y + 1.0)];
+        let [columns, rows] = cell.map(|index| [index.saturating_sub(1), index.min(last)]);
         let node = |column: usize, row: usize| {
-            f64::from(self.heights_m[rows[row] * self.nodes_per_side + columns[column]])
+            f64::from(self.grid.heights_m[rows[row] * self.grid.nodes_per_side + columns[column]])
         };
         let corner_m = node(0, 0);
         let (rise_x, rise_y) = (node(1, 0) - corner_m, node(0, 1) - corner_m);
-        let twist = node(1, 1) - node(0, 1) - rise_x;
-        let local = at - cell;
-        let ground_m = corner_m + rise_x * local.x + rise_y * local.y + twist * local.x * local.y;
-        let slope = Vector2::new(rise_x + twist * local.y, rise_y + twist * local.x);
-        let exit = |axis: usize| {
-            let border = if step[axis] > 0.0 { 1.0 } else { 0.0 };
-            let exit_m = (border - local[axis]) / step[axis];
-            if exit_m.is_finite() { exit_m } else { f64::MAX }
-        };
-        Crossing {
-            clearance_m: [
-                from.z - ground_m,
-                direction.z - slope.dot(&step),
-                -twist * step.x * step.y,
-            ],
-            exit_m: exit(0).min(exit(1)),
+        Patch {
+            corner: cell.map(|index| index as f64 - 1.0),
+            corner_m,
+            rise: [rise_x, rise_y],
+            twist: node(1, 1) - node(0, 1) - rise_x,
         }
+    }
+
+    /// Height of the ray above a cell's ground `s` beyond `along_m`, as c + b s + a s^2.
+    fn clearance(&self, patch: &Patch, along_m: f64) -> [f64; 3] {
+        let at = self.at(along_m);
+        let (x, y) = (at[0] - patch.corner[0], at[1] - patch.corner[1]);
+        let ([rise_x, rise_y], twist) = (patch.rise, patch.twist);
+        let ground_m = patch.corner_m + rise_x * x + rise_y * y + twist * x * y;
+        let [step_x, step_y] = self.step;
+        let climb = (rise_x + twist * y) * step_x + (rise_y + twist * x) * step_y;
+        [
+            self.height_m + self.climb * along_m - ground_m,
+            self.climb - climb,
+            -twist * step_x * step_y,
+        ]
     }
 }
 
-impl Crossing {
-    /// The first root ahead within the cell.
-    fn root_m(&self) -> Option<f64> {
-        let [c, b, a] = self.clearance_m;
-        let root = (b * b - 4.0 * a * c).sqrt();
-        // Of the two forms of the solution, the one without cancellation.
-        let distance_m = if b < 0.0 {
-            2.0 * c / (root - b)
-        } else {
-            -(b + root) / (2.0 * a)
+/// The bilinear ground of one cell.
+struct Patch {
+    corner: [f64; 2],
+    corner_m: f64,
+    rise: [f64; 2],
+    twist: f64,
+}
+
+/// The first `s` from 0 to `reach_m` at which c + b s + a s^2 is not positive.
+fn first_root([c, b, a]: [f64; 3], reach_m: f64) -> Option<f64> {
+    if c <= 0.0 {
+        return Some(0.0);
+    }
+    // Of the two forms of the solution, the one without cancellation.
+    let root = (b * b - 4.0 * a * c).sqrt();
+    let distance_m = if b < 0.0 {
+        2.0 * c / (root - b)
+    } else {
+        -(b + root) / (2.0 * a)
+    };
+    (distance_m > 0.0 && distance_m <= reach_m).then_some(distance_m)
+}
+
+/// A straight way over a square of cells, about which lie others without end. These are column 0
+/// and the last one, row 0 and the last one.
+struct Walk {
+    cell: [usize; 2],
+    last: usize,
+    /// Distance at which the way leaves its column, and its row.
+    exits_m: [f64; 2],
+    /// From border to border.
+    pitch_m: [f64; 2],
+    upwards: [bool; 2],
+}
+
+impl Walk {
+    fn new(
+        at: [f64; 2],
+        step: [f64; 2],
+        pitch_m: [f64; 2],
+        along_m: f64,
+        cells_to_a_side: usize,
+    ) -> Self {
+        let last = cells_to_a_side + 1;
+        let cell = at.map(|at| (at + 1.0).clamp(0.0, last as f64) as usize);
+        let exit_m = |axis: usize| {
+            let (cell, at, pitch_m) = (cell[axis], at[axis], pitch_m[axis]);
+            if step[axis] > 0.0 && cell < last {
+                along_m + (cell as f64 - at) * pitch_m
+            } else if step[axis] < 0.0 && cell > 0 {
+                along_m + ((cell - 1) as f64 - at) * pitch_m
+            } else {
+                f64::INFINITY
+            }
         };
-        (distance_m > 0.0 && distance_m <= self.exit_m).then_some(distance_m)
+        Self {
+            cell,
+            last,
+            exits_m: [exit_m(0), exit_m(1)],
+            pitch_m: pitch_m.map(f64::abs),
+            upwards: step.map(|step| step > 0.0),
+        }
+    }
+
+    /// Distance at which the way leaves its cell.
+    fn exit_m(&self) -> f64 {
+        self.exits_m[0].min(self.exits_m[1])
+    }
+
+    /// On to the next cell.
+    fn advance(&mut self) {
+        let axis = usize::from(self.exits_m[1] < self.exits_m[0]);
+        let cell = &mut self.cell[axis];
+        *cell = if self.upwards[axis] {
+            *cell + 1
+        } else {
+            cell.saturating_sub(1)
+        };
+        let is_outermost = *cell == 0 || *cell >= self.last;
+        *cell = (*cell).min(self.last);
+        self.exits_m[axis] += self.pitch_m[axis];
+        if is_outermost {
+            self.exits_m[axis] = f64::INFINITY;
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Vector2;
     use rand::{Rng, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
