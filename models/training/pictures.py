@@ -88,7 +88,8 @@ def labelled(root: Path, frame: str, kind: str) -> Image.Image:
         draw_box(draw, words, camera_from_lidar, projection, SMOOTH * scale)
     draw_marks(draw, root, frame, SMOOTH * scale)
     picture = picture.resize(size, Image.Resampling.LANCZOS)
-    picture.paste(overlay := overlay.resize(size, Image.Resampling.BOX), (0, 0), overlay)
+    overlay = overlay.resize(size, Image.Resampling.BOX)
+    picture.paste(overlay, (0, 0), overlay)
     draw = ImageDraw.Draw(picture, "RGBA")
     text = f"{int(frame)}: {kind}"
     draw.rectangle((0, 0, 14 + draw.textlength(text, font(14)), 23), fill=(0, 0, 0, 150))
@@ -153,7 +154,7 @@ def draw_marks(draw: ImageDraw.ImageDraw, root: Path, frame: str, scale: float) 
 
 def legend(draw: ImageDraw.ImageDraw, top: int) -> None:
     entries = [(f"mark {m} from the left", color) for m, color in enumerate(MARK_COLORS)]
-    entries += [("car", YELLOW), ("van, truck, bus", VERMILLION), ("thin: largely hidden; stroke: heading", None)]
+    entries += [("car", YELLOW), ("van, truck, bus", VERMILLION), ("thin: largely hidden; stroke: points ahead", None)]
     x = 4
     for text, color in entries:
         if color:
@@ -180,7 +181,7 @@ def cloud_picture(root: Path, real: Path, frame: str, out: Path) -> None:
 
 def save(sheet: Image.Image, kept: list[tuple[int, int, int]], out: Path) -> None:
     """A PNG of 256 colours, those of the drawing among them."""
-    colors = sheet.quantize(256 - len(kept)).getpalette()
+    colors = sheet.quantize(256 - len(kept), kmeans=4).getpalette()
     palette = Image.new("P", (1, 1))
     palette.putpalette([*colors, *(channel for color in kept for channel in color)])
     sheet.quantize(palette=palette, dither=Image.Dither.NONE).save(out, optimize=True)
