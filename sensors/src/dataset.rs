@@ -22,6 +22,8 @@ pub use spec::{DatasetSpec, Format, Split, TruthFile, lidar_of};
 use folder::Folder;
 use frame::FrameMaker;
 
+/// As many as KITTI's file names of six digits can number.
+const MOST_FRAMES: u64 = 1_000_000;
 /// Frames for each thread between two listings of what is finished, at the least.
 const LEAST_FRAMES_PER_THREAD: usize = 8;
 
@@ -35,15 +37,22 @@ const LEAST_FRAMES_PER_THREAD: usize = 8;
 /// function returns, so that the folder is a valid data set at any time.
 ///
 /// # Errors
-/// When a file can't be written, the folder holds something else or is in use, or it is stopped.
+/// When there are too many frames, a file can't be written, the folder holds something else or is in
+/// use, or it is stopped.
 /// What is finished stays, and the next call goes on from there.
 pub fn write_dataset(
     spec: &DatasetSpec,
     progress: impl Fn(usize, usize) -> ControlFlow<()> + Sync,
 ) -> Result<Manifest, DatasetError> {
+    let frames = spec.start..spec.start.saturating_add(spec.frames);
+    if frames.end > MOST_FRAMES {
+        return Err(DatasetError::TooMany {
+            start: spec.start,
+            frames: spec.frames,
+        });
+    }
     let folder = Folder::claim(spec)?;
     let maker = FrameMaker::new(spec);
-    let frames = spec.start..spec.start.saturating_add(spec.frames);
     let total = spec.frames as usize;
     let missing: Vec<u64> = frames.filter(|&frame| !folder.has(frame)).collect();
     let done = AtomicUsize::new(total - missing.len());

@@ -13,6 +13,16 @@ pub enum DatasetError {
         /// Its reason.
         source: std::io::Error,
     },
+    /// More frames than file names have numbers for.
+    #[error(
+        "{frames} frames from number {start} on are too many: file names have six digits; stay below 1000000"
+    )]
+    TooMany {
+        /// Number of the first frame.
+        start: u64,
+        /// Frames that were asked for.
+        frames: u64,
+    },
     /// The folder holds something else.
     #[error("{path} holds {what}; choose another folder or remove it")]
     Foreign {

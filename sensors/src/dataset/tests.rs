@@ -183,6 +183,24 @@ fn splits_share_nothing_and_a_foreign_folder_is_left_alone() {
 }
 
 #[test]
+fn frames_beyond_six_digits_are_refused_and_leave_nothing() {
+    let root = tempfile::tempdir().expect("a folder");
+    for (start, frames) in [(0, u64::MAX), (999_999, 2), (u64::MAX, 1)] {
+        let out = root.path().join("data");
+        let many = DatasetSpec {
+            start,
+            frames,
+            ..spec(&out)
+        };
+        let said = write_dataset(&many, go_on)
+            .expect_err("refused")
+            .to_string();
+        assert!(said.contains("six digits"), "{said}");
+        assert!(!out.exists());
+    }
+}
+
+#[test]
 fn only_the_formats_asked_for_are_written() {
     let root = tempfile::tempdir().expect("a folder");
     let formats = [Format::TuSimple].into();
