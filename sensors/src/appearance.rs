@@ -1,3 +1,5 @@
+use std::sync::LazyLock;
+
 use covista_traffic::Material;
 use nalgebra::{Point3, Vector3};
 
@@ -128,7 +130,9 @@ fn groove(x: f32, period: f32, width: f32, footprint: f32) -> f32 {
 
 /// Linear radiance of an sRGB colour.
 fn linear(rgb: [u8; 3]) -> Rgb {
-    Rgb::from(rgb.map(|byte| (f32::from(byte) / 255.0).powf(2.2)))
+    static RADIANCES: LazyLock<[f32; 256]> =
+        LazyLock::new(|| std::array::from_fn(|byte| (byte as f32 / 255.0).powf(2.2)));
+    Rgb::from(rgb.map(|byte| RADIANCES[usize::from(byte)]))
 }
 
 #[cfg(test)]

@@ -10,8 +10,8 @@ use crate::shadow::{Contact, ShadowRow, ShadowSpan, on_ground, shaded_share};
 use crate::sight::{Run, Seen, Sight};
 use crate::silhouette::Silhouette;
 use crate::solids::Face;
+use crate::sunlight::Sunlight;
 
-const SHADOW_REACH_M: f32 = 80.0;
 /// A ray to the sun starts this far before the surface.
 const CLEARANCE_M: f32 = 0.02;
 
@@ -36,6 +36,8 @@ struct Picture<'a> {
     view: &'a Viewpoint<'a>,
     sight: Sight<'a>,
     light: Light,
+    /// Absent where the sun does not shine.
+    sunlight: Option<Sunlight<'a>>,
     pavement: Pavement,
     shadows: Vec<Silhouette>,
     contacts: Vec<(Silhouette, Contact)>,
@@ -66,10 +68,12 @@ impl<'a> Picture<'a> {
             .iter()
             .map(Contact::new)
             .filter_map(|contact| Some((silhouette(&contact.corners(&scene.terrain))?, contact)));
+        let light = Light::new(&scene.look);
         Self {
             view,
             sight: Sight::new(view),
-            light: Light::new(&scene.look),
+            sunlight: (light.sun.x > 0.01).then(|| Sunlight::new(rays, &light.sun_direction)),
+            light,
             pavement: Pavement::new(scene),
             shadows: shadows.collect(),
             contacts: contacts.collect(),
@@ -174,11 +178,12 @@ impl<'a> Picture<'a> {
     }
 
     fn sunlit(&self, point: &Point3<f32>, normal: &Vector3<f32>) -> f32 {
-        let sun = &self.light.sun_direction;
         let outside = point + normal * CLEARANCE_M;
-        let lit = self.light.sun.x > 0.01
-            && normal.dot(sun) > 0.0
-            && !self.view.rays.occluded(&outside, sun, SHADOW_REACH_M, None);
+        let lit = normal.dot(&self.light.sun_direction) > 0.0
+            && self
+                .sunlight
+                .as_ref()
+                .is_some_and(|sunlight| !sunlight.is_shaded(&outside));
         if lit { 1.0 } else { 0.0 }
     }
 }

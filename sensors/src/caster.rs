@@ -282,6 +282,19 @@ impl RayScene {
         })
     }
 
+    /// Whether the ray meets the part of this number within `max_m` metres.
+    pub(crate) fn is_met(
+        &self,
+        part: u32,
+        origin: &Point3<f32>,
+        direction: &Vector3<f32>,
+        max_m: f32,
+    ) -> bool {
+        let part = &self.parts[part as usize];
+        let from = part.local(origin, 0.0);
+        part.entry(&self.faces, &from, direction, max_m).is_some()
+    }
+
     /// Whether any object that `blocks` stands within `max_m` metres along the ray.
     pub(crate) fn blocked(
         &self,

@@ -24,13 +24,23 @@ impl Hull {
     pub(crate) fn new(part: &ConvexPart) -> Option<Self> {
         let vertices = &part.vertices;
         let mut faces: Vec<HalfSpace> = Vec::new();
+        // The first faces that each vertex lies in, a bit for each.
+        let mut faces_at = vec![0_u64; vertices.len()];
         for (i, a) in vertices.iter().enumerate() {
-            for b in &vertices[i + 1..] {
-                for c in wings(a, b, vertices).into_iter().flatten() {
-                    if !faces.iter().any(|known| known.holds([a, b, c]))
-                        && let Some(face) = supporting_plane(a, b, c, vertices)
+            for (j, b) in vertices.iter().enumerate().skip(i + 1) {
+                let shared = faces_at[i] & faces_at[j];
+                if shared.count_ones() == 2 {
+                    continue;
+                }
+                for k in wings(i, j, vertices).into_iter().flatten() {
+                    if faces_at[i] & faces_at[j] & faces_at[k] == 0
+                        && let Some(face) = supporting_plane(a, b, &vertices[k], vertices)
                         && !faces.iter().any(|known| known.is_same(&face))
                     {
+                        let bit = 1_u64.checked_shl(faces.len() as u32).unwrap_or(0);
+                        for (vertex, at) in vertices.iter().zip(&mut faces_at) {
+                            *at |= if face.holds(vertex) { bit } else { 0 };
+                        }
                         faces.push(face);
                     }
                 }
@@ -81,12 +91,9 @@ impl Hull {
 }
 
 impl HalfSpace {
-    /// Whether all three points lie in the plane.
-    fn holds(&self, points: [&Point3<f64>; 3]) -> bool {
-        let height = |point: &Point3<f64>| self.normal.dot(&point.coords) - self.offset_m;
-        points
-            .iter()
-            .all(|point| height(point).abs() <= TOLERANCE_M)
+    /// Whether the point lies in the plane.
+    fn holds(&self, point: &Point3<f64>) -> bool {
+        (self.normal.dot(&point.coords) - self.offset_m).abs() <= TOLERANCE_M
     }
 
     fn is_same(&self, other: &Self) -> bool {
@@ -100,29 +107,28 @@ impl HalfSpace {
     }
 }
 
-/// The outermost of `points` to either side, seen along the line from `a` to `b`: with it they
-/// span the faces that meet there. `None` where points lie all round the line.
-fn wings<'a>(
-    a: &Point3<f64>,
-    b: &Point3<f64>,
-    points: &'a [Point3<f64>],
-) -> Option<[&'a Point3<f64>; 2]> {
+/// The outermost of `points` to either side, seen along the line from the first to the second:
+/// with it they span the faces that meet there. `None` where points lie all round the line.
+fn wings(first: usize, second: usize, points: &[Point3<f64>]) -> Option<[usize; 2]> {
+    let (a, b) = (&points[first], &points[second]);
     let line = b - a;
     let right = line.cross(&Vector3::ith(line.iamin(), 1.0));
     let up = line.cross(&right);
-    let on_line = 1e-16 * right.norm_squared() * line.norm_squared();
-    let mut wings: Option<[(Vector2<f64>, &Point3<f64>); 2]> = None;
-    for point in points {
+    // Now as long as the other.
+    let right = right * line.norm();
+    let on_line = 1e-16 * up.norm_squared();
+    let mut wings: Option<[(Vector2<f64>, usize); 2]> = None;
+    for (index, point) in points.iter().enumerate() {
         let arm = point - a;
-        let seen = Vector2::new(right.dot(&arm) * line.norm(), up.dot(&arm));
+        let seen = Vector2::new(right.dot(&arm), up.dot(&arm));
         if seen.norm_squared() <= on_line {
             continue;
         }
-        let [leftmost, rightmost] = wings.get_or_insert([(seen, point); 2]);
+        let [leftmost, rightmost] = wings.get_or_insert([(seen, index); 2]);
         match (leftmost.0.perp(&seen) > 0.0, rightmost.0.perp(&seen) < 0.0) {
             (true, true) => return None,
-            (true, false) => *leftmost = (seen, point),
-            (false, true) => *rightmost = (seen, point),
+            (true, false) => *leftmost = (seen, index),
+            (false, true) => *rightmost = (seen, index),
             (false, false) => {}
         }
     }

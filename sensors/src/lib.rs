@@ -33,6 +33,7 @@ mod sight;
 mod silhouette;
 mod skyline;
 mod solids;
+mod sunlight;
 #[cfg(test)]
 mod testing;
 mod tile;

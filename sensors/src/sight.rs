@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 use crate::ground::{Ground, GroundView, TILE_PX};
 use crate::noise::octaves;
 use crate::pixel_rays::PixelRays;
-use crate::solids::{Face, Fragment, Layers, Solids};
+use crate::solids::{Face, Fragment, Layers, RowBuffer, Solids};
 use crate::{ObjectRef, Viewpoint};
 
 const LEAVES_SEED: u32 = 0x1EAF;
@@ -102,13 +102,13 @@ impl<'a> Sight<'a> {
 
     fn solid_rows(&self, first_row: usize, rows: usize) -> Vec<Layers> {
         let mut layers = vec![[Fragment::NOTHING; 2]; rows * self.width];
-        let mut run = vec![Fragment::NOTHING; self.width];
+        let mut buffer = RowBuffer::new(self.width);
         let candidates = self
             .solids
             .between(first_row as f64, (first_row + rows - 1) as f64);
         for (row, line) in layers.chunks_exact_mut(self.width).enumerate() {
             let v = (first_row + row) as f64;
-            self.solids.draw(&candidates, v, line, &mut run);
+            self.solids.draw(&candidates, v, line, &mut buffer);
         }
         layers
     }

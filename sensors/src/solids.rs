@@ -48,10 +48,21 @@ impl Fragment {
         nearness: 0.0,
         face: 0,
     };
-    const UNBOUNDED: Self = Self {
-        nearness: f32::INFINITY,
-        face: 0,
-    };
+}
+
+/// Room for the fragments of one part in a row, nearness and face apart for the vector units.
+pub(crate) struct RowBuffer {
+    nearness: Vec<f32>,
+    faces: Vec<u32>,
+}
+
+impl RowBuffer {
+    pub(crate) fn new(width: usize) -> Self {
+        Self {
+            nearness: vec![0.0; width],
+            faces: vec![0; width],
+        }
+    }
 }
 
 /// The nearest face behind a pixel and the one behind that.
@@ -125,13 +136,13 @@ impl Solids {
         &self.faces[fragment.face as usize]
     }
 
-    /// Draws those of the `candidates` that the row at `v` shows; `run` is as long as the row.
+    /// Draws those of the `candidates` that the row at `v` shows; `buffer` is as long as the row.
     pub(crate) fn draw(
         &self,
         candidates: &[u32],
         v: f64,
         row: &mut [Layers],
-        run: &mut [Fragment],
+        buffer: &mut RowBuffer,
     ) {
         let last = row.len() as f64 - 1.0;
         for &index in candidates {
@@ -144,9 +155,12 @@ impl Solids {
                 continue;
             }
             let (first, end) = (from as usize, to as usize + 1);
-            let run = &mut run[first..end];
-            self.enter(part, from, v, run);
-            for (layers, &fragment) in row[first..end].iter_mut().zip(&*run) {
+            let nearness = &mut buffer.nearness[first..end];
+            let faces = &mut buffer.faces[first..end];
+            self.enter(part, [from, v], nearness, faces);
+            let entered = nearness.iter().zip(&*faces);
+            for (layers, (&nearness, &face)) in row[first..end].iter_mut().zip(entered) {
+                let fragment = Fragment { nearness, face };
                 if fragment.nearness > layers[0].nearness {
                     *layers = [fragment, layers[0]];
                 } else if fragment.nearness > layers[1].nearness {
@@ -156,17 +170,17 @@ impl Solids {
         }
     }
 
-    /// Where the rays of a run of pixels from (`u`, `v`) to the right enter the part.
-    fn enter(&self, part: &Shape, u: f64, v: f64, run: &mut [Fragment]) {
-        run.fill(Fragment::UNBOUNDED);
+    /// Where the rays of a run of pixels from (u, v) to the right enter the part.
+    fn enter(&self, part: &Shape, [u, v]: [f64; 2], nearness: &mut [f32], faces: &mut [u32]) {
+        nearness.fill(f32::INFINITY);
         for face in part.first_face..part.end_face {
             let [per_u, per_v, constant] = self.faces[face as usize].nearness;
             let (start, step) = ((per_u * u + per_v * v + constant) as f32, per_u as f32);
-            for (column, fragment) in run.iter_mut().enumerate() {
-                let nearness = start + step * column as f32;
-                if nearness < fragment.nearness {
-                    *fragment = Fragment { nearness, face };
-                }
+            for (column, (known, through)) in (0_i32..).zip(nearness.iter_mut().zip(&mut *faces)) {
+                let here = start + step * column as f32;
+                let enters = here < *known;
+                *known = if enters { here } else { *known };
+                *through = if enters { face } else { *through };
             }
         }
     }

@@ -6,6 +6,8 @@ use crate::{LANE_COUNT, LaneIndex, Se2Pose, wrap_angle};
 const NODE_SPACING_M: f64 = 0.5;
 /// Two-point steps of the coarse search, in nodes.
 const COARSE_STRIDE: usize = 8;
+/// Those of the search before that.
+const COARSEST_STRIDE: usize = 128;
 
 /// A piece of the reference line.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -303,6 +305,9 @@ impl Road {
     /// The last node that does not lie beyond `s_m`, or the first one.
     fn node_before(&self, s_m: f64) -> &Node {
         let last = self.nodes.len() - 1;
+        if self.is_beyond_ends(s_m) {
+            return &self.nodes[if s_m < 0.0 { 0 } else { last }];
+        }
         let stretch = self.stretches.partition_point(|known| known.from_m <= s_m);
         let stretch = &self.stretches[stretch.saturating_sub(1)];
         let steps = (s_m - stretch.from_m) * stretch.nodes_per_m;
@@ -385,14 +390,29 @@ impl Road {
 
     /// Frenet coordinates of a world position: the nearest point of the reference line.
     pub fn to_frenet(&self, position: Vector2<f64>) -> FrenetPoint {
-        let squared = |node: &Node| (node.pose.position() - position).norm_squared();
-        let nearest = self
-            .nodes
-            .iter()
-            .step_by(COARSE_STRIDE)
-            .chain(self.nodes.last())
-            .min_by(|a, b| squared(a).total_cmp(&squared(b)));
-        self.to_frenet_near(position, nearest.map_or(0.0, |node| node.s_m))
+        self.to_frenet_near(position, self.nodes[self.coarsely_nearest(position)].s_m)
+    }
+
+    /// The nearest of every few nodes.
+    ///
+    /// From one node to the next the distance changes by no more than these lie apart, so that
+    /// those after a far one can be left out.
+    fn coarsely_nearest(&self, position: Vector2<f64>) -> usize {
+        let distance_m = |index: usize| (self.nodes[index].pose.position() - position).norm();
+        let last = self.nodes.len() - 1;
+        let (mut nearest, mut least_m) = (last, distance_m(last));
+        for stride in [COARSEST_STRIDE, COARSE_STRIDE] {
+            let mut index = 0;
+            while index < last {
+                let here_m = distance_m(index);
+                if here_m < least_m {
+                    (nearest, least_m) = (index, here_m);
+                }
+                let spared = (here_m - least_m) / (stride as f64 * NODE_SPACING_M);
+                index += stride * (spared as usize).max(1);
+            }
+        }
+        nearest
     }
 
     /// As [`Road::to_frenet`], from a guess `s_hint_m` some metres from the answer.

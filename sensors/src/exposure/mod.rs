@@ -96,32 +96,35 @@ impl Film {
         let lines = rgb.par_chunks_mut(3 * self.width).enumerate();
         lines.for_each(|(row, bytes)| {
             let mut noise = Noise::new(seed, row);
-            let line = self.spread_down(pixels, row);
-            for (column, pixel) in bytes.chunks_exact_mut(3).enumerate() {
-                let color = self.exposure(&line, row, column);
-                for ((byte, x), deviation) in pixel.iter_mut().zip(&color).zip(noise.three()) {
+            let mut line = self.exposures(&self.spread_down(pixels, row), row);
+            self.tones.scale(line.as_flattened_mut());
+            for (pixel, exposure) in bytes.chunks_exact_mut(3).zip(&line) {
+                for ((byte, x), deviation) in pixel.iter_mut().zip(exposure).zip(noise.three()) {
                     *byte = self.tones.byte(*x, deviation);
                 }
             }
         });
     }
 
-    /// Exposure of a pixel: lens, gain, bonnet and colours.
-    fn exposure(&self, line: &[Rgb], row: usize, column: usize) -> Rgb {
-        let (left, right) = (column.saturating_sub(1), (column + 1).min(self.width - 1));
-        let sharp = line[column] * (1.0 - 2.0 * self.spread);
-        let seen = sharp + (line[left] + line[right]) * self.spread;
-        let mut color = seen.component_mul(&self.gain);
-        if let Some(bonnet) = self
-            .bonnet
-            .as_ref()
-            .filter(|bonnet| row >= bonnet.first_row())
-        {
-            color = bonnet.cover(color, row, column);
-        }
-        let grey = 0.25 * color.x + 0.6 * color.y + 0.15 * color.z;
-        let color = Rgb::repeat(grey) + (color - Rgb::repeat(grey)) * self.saturation;
-        color * self.vignette(row, column)
+    /// Exposures of the pixels of a row: lens, gain, bonnet and colours.
+    fn exposures(&self, line: &[Rgb], row: usize) -> Vec<[f32; 3]> {
+        let last = line.len() - 1;
+        let bonnet = self.bonnet.as_ref();
+        let bonnet = bonnet.filter(|bonnet| row >= bonnet.first_row());
+        let vignette = self.vignette(row);
+        let exposure = |column: usize| {
+            let (left, right) = (column.saturating_sub(1), (column + 1).min(last));
+            let sharp = line[column] * (1.0 - 2.0 * self.spread);
+            let seen = sharp + (line[left] + line[right]) * self.spread;
+            let mut color = seen.component_mul(&self.gain);
+            if let Some(bonnet) = bonnet {
+                color = bonnet.cover(color, row, column);
+            }
+            let grey = 0.25 * color.x + 0.6 * color.y + 0.15 * color.z;
+            let color = Rgb::repeat(grey) + (color - Rgb::repeat(grey)) * self.saturation;
+            <[f32; 3]>::from(color * vignette(column))
+        };
+        (0..line.len()).map(exposure).collect()
     }
 
     /// Vertical half of the lens's point spread.
@@ -135,10 +138,15 @@ impl Film {
             .collect()
     }
 
-    fn vignette(&self, row: usize, column: usize) -> f32 {
+    /// Share of the light that reaches each pixel of a row.
+    fn vignette(&self, row: usize) -> impl Fn(usize) -> f32 + use<> {
         let half = 0.5 * self.width as f32;
-        let (x, y) = (column as f32 - half, row as f32 - 0.5 * self.height as f32);
-        (1.0 - self.vignetting * (x * x + y * y) / (half * half)).max(0.0)
+        let y = row as f32 - 0.5 * self.height as f32;
+        let loss = self.vignetting / (half * half);
+        move |column| {
+            let x = column as i32 as f32 - half;
+            (1.0 - loss * (x * x + y * y)).max(0.0)
+        }
     }
 }
 

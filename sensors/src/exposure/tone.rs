@@ -2,12 +2,13 @@ use super::settings::CameraSettings;
 
 const BRIGHTEST: f32 = 4.0;
 const TONES: usize = 4096;
+const HIGHEST: f32 = (TONES - 1) as f32;
 
 /// Tables indexed by the square root of the exposure.
 pub(super) struct Tones {
-    bytes: Vec<u8>,
+    bytes: Box<[u8; TONES]>,
     /// Standard deviation of the index.
-    noise: Vec<f32>,
+    noise: Box<[f32; TONES]>,
 }
 
 impl Tones {
@@ -23,20 +24,32 @@ impl Tones {
             (TONES - 1) as f32 * (noisier / BRIGHTEST).sqrt() - index as f32
         };
         Self {
-            bytes: (0..TONES)
-                .map(|index| byte(exposure(index), contrast, gamma))
-                .collect(),
-            noise: (0..TONES).map(noise).collect(),
+            bytes: Box::new(std::array::from_fn(|index| {
+                byte(exposure(index), contrast, gamma)
+            })),
+            noise: Box::new(std::array::from_fn(noise)),
         }
     }
 
-    /// The picture's value for an exposure with this deviation from it.
-    pub(super) fn byte(&self, exposure: f32, deviation: f32) -> u8 {
-        let highest = (TONES - 1) as f32;
-        let index = (exposure * (1.0 / BRIGHTEST)).clamp(0.0, 1.0).sqrt() * highest;
-        let noisy = index + deviation * self.noise[index as usize];
-        self.bytes[noisy.clamp(0.0, highest) as usize]
+    /// Turns exposures into places in the tables.
+    pub(super) fn scale(&self, exposures: &mut [f32]) {
+        for x in exposures {
+            *x = (*x * (1.0 / BRIGHTEST)).clamp(0.0, 1.0).sqrt() * HIGHEST;
+        }
     }
+
+    /// The picture's value at a place in the tables with this deviation from it.
+    pub(super) fn byte(&self, place: f32, deviation: f32) -> u8 {
+        let noisy = place + deviation * self.noise[nearest(place)];
+        self.bytes[nearest(noisy.clamp(0.0, HIGHEST))]
+    }
+}
+
+/// The whole number nearest to `place`, which lies between 0 and [`HIGHEST`]; much faster than a
+/// cast that has to saturate.
+fn nearest(place: f32) -> usize {
+    // From 2^23 on the last bits of a floating point number count ones.
+    (place + 8_388_608.0).to_bits() as usize % TONES
 }
 
 /// Film-like shoulder, sRGB, gamma, more contrast.
