@@ -152,11 +152,15 @@ def preprocess(network: str) -> dict[str, object]:
     }
 
 
-def card(network: str, path: Path, state: dict, data_command: str, metrics: dict[str, float]) -> str:
+def card(
+    network: str, path: Path, state: dict, data_command: str, weights_from: str, metrics: dict[str, float]
+) -> str:
     """The model card."""
     arguments = state["arguments"]
     budget = "minutes" if arguments["minutes"] != "None" else "steps"
     command = f"python train.py {network} --data data/train --val data/val --{budget} {arguments[budget]} --out runs"
+    if weights_from:
+        command += f" --from-weights earlier/{network}.pt"
     top = {
         "id": path.stem,
         "kind": "ufld" if network == "lanes" else "pointpillars",
@@ -173,6 +177,8 @@ def card(network: str, path: Path, state: dict, data_command: str, metrics: dict
         "frames": state["frames"],
         "steps": state["step"],
     }
+    if weights_from:
+        training["weights_from"] = weights_from
     evaluation = f"python evaluate.py {network} --data data/val --model ../{path.name}"
     parts = [toml_table("", top).lstrip("\n")]
     for name, (dtype, shape) in INPUTS[network].items():
@@ -196,8 +202,9 @@ def main() -> None:
     parser.add_argument("--val", type=Path, required=True)
     parser.add_argument("--out", type=Path, default=Path(".."))
     parser.add_argument(
-        "--data-command", default="covista dataset --out data/train --frames 3000 --seed 1 --split train"
+        "--data-command", default="covista dataset --out data/train --frames 2600 --seed 1 --split train"
     )
+    parser.add_argument("--weights-from", default="", help="what `--from-weights` began with, for the card")
     parser.add_argument("--frames", type=int, default=10**9, help="validate on at most this many")
     args = parser.parse_args()
     torch.set_num_threads(1)
@@ -214,7 +221,7 @@ def main() -> None:
     difference = check(args.network, model, partial)
     metrics = EVALUATE[args.network](args.val, partial, args.frames)
     shutil.move(partial, path)
-    text = card(args.network, path, state, args.data_command, metrics)
+    text = card(args.network, path, state, args.data_command, args.weights_from, metrics)
     path.with_suffix(".toml").write_text(text)
     size_mb = path.stat().st_size / 1e6
     print(f"{path}: {size_mb:.1f} MB, differs from PyTorch by at most {difference:.4f} sigma")
