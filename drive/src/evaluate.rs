@@ -53,6 +53,11 @@ pub enum EvaluateError {
     /// No frame has all that is needed.
     #[error("there is no frame with all the files that are needed: {0}")]
     NoLabelledFrame(String),
+    /// No label shows a mark, as on streets without paint.
+    #[error(
+        "none of the {0} frames with labels has a labelled mark: there is nothing to measure the lane network on"
+    )]
+    NothingToScore(usize),
     /// A file can't be read.
     #[error("{path}: {reason}")]
     File {

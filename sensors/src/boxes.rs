@@ -26,6 +26,8 @@ pub struct TruthBox {
     pub lidar_points: usize,
     /// Share of the body in line of sight of the LIDAR, in [0, 1].
     pub visibility: f64,
+    /// Share of the body in line of sight of the camera, in or out of its picture, in [0, 1].
+    pub camera_visibility: f64,
     /// Corners of the body's convex parts in the LIDAR frame, in metres.
     pub parts_m: Vec<Vec<Point3<f64>>>,
 }
@@ -35,11 +37,13 @@ const DETECTOR_RANGE_M: [f64; 2] = [69.12, 12.8];
 
 /// The boxes of all other vehicles, with the points of the sweep on each.
 pub fn truth_boxes(view: &Viewpoint, swept: &LabelledCloud) -> Vec<TruthBox> {
-    let eye = view.lidar_position();
+    let [lidar, camera] = [view.lidar_position(), view.camera_position()];
     let counts = swept.vehicle_points();
     let boxes = view.others().map(|vehicle| {
         let mut found = true_box(view, vehicle);
-        found.visibility = visible_share(view.scene, view.rays, vehicle, eye, view.ego.id);
+        let seen_from = |eye| visible_share(view.scene, view.rays, vehicle, eye, view.ego.id);
+        found.visibility = seen_from(lidar);
+        found.camera_visibility = seen_from(camera);
         found.lidar_points = counts.get(&vehicle.id).copied().unwrap_or(0);
         found.parts_m = parts_in_lidar(view, vehicle.id);
         found
@@ -149,6 +153,7 @@ fn true_box(view: &Viewpoint, vehicle: &SceneVehicle) -> TruthBox {
         lane: road.lane_at(road.to_frenet(middle).d_m),
         lidar_points: 0,
         visibility: 0.0,
+        camera_visibility: 0.0,
         parts_m: Vec::new(),
     }
 }
@@ -232,6 +237,18 @@ mod tests {
         assert!((0.2..0.8).contains(&half), "{half}");
         assert_eq!(detections(&scene), 1);
     }
+
+    #[test]
+    fn a_low_wall_hides_from_the_camera_what_the_lidar_sees_above_it() {
+        let mut scene = scene_ahead();
+        scene.scenery = vec![block([3.0, -10.0, 0.0], [3.2, 10.0, 1.68])].into();
+        let boxes = with_view(&scene, |view| {
+            truth_boxes(view, &Lidar::hdl64e().sweep_labelled(view, 1))
+        });
+        let seen = [boxes[0].visibility, boxes[0].camera_visibility];
+        assert!(seen[0] > 0.4 && seen[1].abs() < 1e-12, "{seen:?}");
+    }
+
     #[test]
     fn a_crest_hides_what_is_behind_it() {
         let mut scene = scene_ahead();

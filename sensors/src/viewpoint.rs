@@ -49,6 +49,11 @@ impl<'a> Viewpoint<'a> {
         Point3::from(self.world_from_lidar().translation.vector)
     }
 
+    /// Position of the camera in the world frame.
+    pub fn camera_position(&self) -> Point3<f64> {
+        Point3::from(self.world_from_camera().translation.vector)
+    }
+
     /// All other vehicles.
     pub fn others(&self) -> impl Iterator<Item = &'a SceneVehicle> {
         let own = self.ego.id;

@@ -17,7 +17,7 @@ pub struct LaneEvaluation {
 /// Runs the lane network on the frames that have a picture and lane labels.
 ///
 /// # Errors
-/// When there is none, a file is unusable or the network fails.
+/// When there is none or none with a mark, a file is unusable or the network fails.
 pub fn evaluate_lanes(
     frames: &[KittiFrame],
     perceiver: &mut Perceiver,
@@ -45,6 +45,9 @@ pub fn evaluate_lanes(
             counted += 1;
         }
         progress(index + 1, usable.len());
+    }
+    if counted == 0 && !usable.is_empty() {
+        return Err(EvaluateError::NothingToScore(usable.len()));
     }
     let [accuracy_tusimple, accuracy_ufld] = sums.map(|sum| 100.0 * sum / counted.max(1) as f64);
     Evaluated::new(

@@ -16,7 +16,7 @@ const CAR: u32 = 10;
 const TRUCK: u32 = 18;
 const OTHER_GROUND: u32 = 49;
 const OTHER_OBJECT: u32 = 99;
-/// KITTI's unit of depth: a 256th of a metre; 0 where there is none.
+/// KITTI's unit of depth is a 256th of a metre; 16 bits of them reach to 256 m.
 const DEPTHS_PER_M: f32 = 256.0;
 
 /// The truth that is asked for, each with the content of its file.
@@ -34,10 +34,7 @@ pub(super) fn truth_files(
             Some(Ok((truth, content)))
         }
         (TruthFile::Depth, Some(images)) => {
-            let depths = images.depth_m.iter().map(|&depth_m| match depth_m {
-                depth_m if depth_m.is_finite() => (depth_m * DEPTHS_PER_M).round() as u16,
-                _ => 0,
-            });
+            let depths = images.depth_m.iter().copied().map(depth_value);
             let content = png_16_bits(images, depths.collect());
             Some(content.map(|content| (truth, content)))
         }
@@ -48,6 +45,14 @@ pub(super) fn truth_files(
         (TruthFile::Depth | TruthFile::Instance, None) => None,
     });
     files.collect()
+}
+
+/// A depth as it is written; 0, which is unknown, for the sky and what 16 bits can't hold.
+fn depth_value(depth_m: f32) -> u16 {
+    match (depth_m * DEPTHS_PER_M).round() {
+        value if value <= f32::from(u16::MAX) => value as u16,
+        _ => 0,
+    }
 }
 
 fn png_16_bits(images: &TruthImages, values: Vec<u16>) -> Result<Vec<u8>, ImageError> {
@@ -83,4 +88,18 @@ fn label(scene: &Scene, label: PointLabel) -> u32 {
         }
     };
     class | u32::from(instance_number(scene, object)) << 16
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn depths_that_16_bits_cannot_hold_are_unknown() {
+        assert_eq!(depth_value(10.0), 2560);
+        assert_eq!(depth_value(255.995), 65_535);
+        for unknown in [256.0, 400.0, f32::INFINITY, f32::NAN, 0.0] {
+            assert_eq!(depth_value(unknown), 0, "{unknown}");
+        }
+    }
 }

@@ -63,7 +63,7 @@ impl KittiLabel {
             }
             .to_owned(),
             truncated,
-            occluded: match truth.visibility {
+            occluded: match truth.camera_visibility {
                 share if share >= FULLY_VISIBLE => 0,
                 share if share >= PARTLY_VISIBLE => 1,
                 _ => 2,
@@ -227,7 +227,8 @@ mod tests {
             parts_m: vec![corners.collect()],
             lane: None,
             lidar_points: 100,
-            visibility: 0.5,
+            visibility: 1.0,
+            camera_visibility: 0.5,
         }
     }
 
