@@ -61,15 +61,13 @@ impl Radiance {
             return self.pixels[here];
         }
         let taps = (length_px as usize + 2).min(MOST_TAPS);
-        // Adding a half rounds to the nearest pixel.
-        let middle = Vector2::new(column as f32, row as f32).add_scalar(0.5);
-        let step = shift / taps as f32;
-        let first = middle - step * (0.5 * (taps - 1) as f32);
-        let last = [self.width as i32 - 1, self.height() as i32 - 1];
         let mut sum = Rgb::zeros();
-        for tap in 0..taps as i32 {
-            let at = first + step * tap as f32;
-            let [x, y] = [0, 1].map(|axis| (at[axis] as i32).clamp(0, last[axis]) as usize);
+        for tap in 0..taps {
+            let along = (tap as f32 + 0.5) / taps as f32 - 0.5;
+            let at =
+                |start: usize, step: f32| (start as f32 + along * step + 0.5).max(0.0) as usize;
+            let x = at(column, shift.x).min(self.width - 1);
+            let y = at(row, shift.y).min(self.height() - 1);
             sum += self.pixels[y * self.width + x];
         }
         sum / taps as f32
