@@ -62,7 +62,8 @@ pub struct DemoArgs {
     /// Seed of everything random
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
-    /// Calibration of a recorded frame, in KITTI's format [default: the one beside it, or KITTI's]
+    /// Calibration of a recorded frame, in KITTI's format, or as .toml of a picture of any camera
+    /// [default: the one beside it, or KITTI's]
     #[arg(long, value_name = "FILE")]
     pub calibration: Option<PathBuf>,
     /// Output folder [default: out/SCENARIO]
@@ -149,7 +150,8 @@ pub struct EvalArgs {
     /// Labels of a single .bin, in KITTI's format [default: label_2 beside it]
     #[arg(long, value_name = "FILE")]
     pub labels: Option<PathBuf>,
-    /// Calibration of a single file, in KITTI's format [default: calib beside it, or KITTI's]
+    /// Calibration of a single file, in KITTI's format, or as .toml of a picture of any camera
+    /// [default: calib beside it, or KITTI's]
     #[arg(long, value_name = "FILE")]
     pub calibration: Option<PathBuf>,
     /// Folder of the networks

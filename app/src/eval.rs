@@ -1,5 +1,3 @@
-use std::path::Path;
-
 use anyhow::bail;
 use covista_drive::{
     ClassEvaluation, Evaluated, FittedPicture, Lacking, evaluate_detector, evaluate_lanes,
@@ -145,27 +143,23 @@ fn print_boxes(frame: &KittiFrame, perceiver: &mut Perceiver) -> anyhow::Result<
     say(aligned(&box_rows(&found)).trim_end())
 }
 
-/// The marks found in a single picture, at its own rows and columns.
+/// The marks found in a single picture, as its own pixels.
 fn print_marks(frame: &KittiFrame, perceiver: &mut Perceiver) -> anyhow::Result<()> {
-    let Some(path) = &frame.image else {
+    let Some(picture) = FittedPicture::read(frame, perceiver.image_size_px())? else {
         bail!("the lane network needs a picture: name a .png or .jpg");
     };
-    let picture = FittedPicture::read(Path::new(path), perceiver.image_size_px())?;
     let marks = perceiver.find_marks(&picture.image)?;
-    let mut rows = vec![vec!["row_px".to_owned()]];
+    let mut rows = vec![Vec::new()];
     rows[0].extend((0..marks.len()).map(|mark| format!("mark_{mark}_px")));
     for (index, anchor) in ROW_ANCHORS.iter().enumerate() {
-        let row_px = f64::from(anchor.0) / picture.scale[1];
-        let columns = marks.iter().map(|mark| {
-            mark[index].map_or("-".to_owned(), |u| {
-                format!("{:.1}", f64::from(u) / picture.scale[0])
-            })
+        let places = marks.iter().map(|mark| {
+            let u_px = f64::from(mark[index]?);
+            picture.in_file([u_px, f64::from(anchor.0)])
         });
-        rows.push(
-            std::iter::once(format!("{row_px:.1}"))
-                .chain(columns)
-                .collect(),
-        );
+        let said = |place: Option<[f64; 2]>| {
+            place.map_or("-".to_owned(), |[u, v]| format!("{u:.1},{v:.1}"))
+        };
+        rows.push(places.map(said).collect());
     }
     say(aligned(&rows).trim_end())
 }

@@ -1,6 +1,7 @@
 use std::path::Path;
 
 use anyhow::bail;
+use covista_drive::calibration_of;
 use covista_perception::{OnnxRuntime, Perceiver};
 use covista_sensors::kitti::{KittiFrame, kitti_frames};
 
@@ -25,6 +26,8 @@ pub fn recorded_frames(
     let mut frame = KittiFrame::of_file(path)?;
     if let Some(calibration) = calibration {
         frame.calibration = Some(calibration.to_owned());
+        // A file that is named is to be usable, whether or not it turns out to be needed.
+        calibration_of(&frame)?;
     }
     if let Some(labels) = labels {
         frame.labels = Some(labels.to_owned());

@@ -4,6 +4,7 @@ use covista_drive::{
     FocusSnapshot, Material, RecordError, RunConfig, RunSummary, Snapshot, TraceRow, Traffic,
     VehicleKind,
 };
+use covista_perception::lanes::decode::mark_points;
 use covista_viewer::{
     FocusFrame, Recording, RunSeries, SceneRecord, SceneryPart, SeenBox, StepRecord, VehicleInfo,
     VehicleSample, VehicleSeries, VehicleStep,
@@ -196,7 +197,7 @@ fn vehicle_step(row: &TraceRow) -> VehicleStep {
 fn focus_frame(snapshot: &Snapshot<'_>, focus: &FocusSnapshot<'_>) -> Option<FocusFrame> {
     let row = snapshot.rows.iter().find(|row| row.id == focus.station.0)?;
     let (frame, marks) = focus.frame.map_or((None, None), |(frame, marks)| {
-        (Some(frame), Some(marks.clone()))
+        (Some(frame), Some(mark_points(&marks.pixels)))
     });
     let own = focus.percepts.iter().map(|percept| SeenBox {
         state: world_state(pose_of(row), percept),

@@ -5,7 +5,7 @@ use std::{
 
 use anyhow::bail;
 use covista_drive::{FittedPicture, calibration_of};
-use covista_perception::{Perceiver, lanes::ground::to_lane_marks};
+use covista_perception::{Perceiver, lanes::decode::mark_points};
 use covista_sensors::kitti::{KittiFrame, read_cloud};
 use covista_viewer::{FocusFrame, FrameRecording, SeenBox, open_viewer};
 use covista_world::{Calibration, Detection3d, ObjectClass, ObjectState, Se2Pose, StationId};
@@ -107,14 +107,19 @@ impl Seen {
             lanes_ms: None,
             detector_ms: None,
         };
-        if let Some(path) = &frame.image {
-            let picture = FittedPicture::read(path, perceiver.image_size_px())?;
-            seen.calibration = picture.fit(seen.calibration);
+        if let Some(picture) = FittedPicture::read(frame, perceiver.image_size_px())? {
             let began = Instant::now();
             let pixels = perceiver.find_marks(&picture.image)?;
             seen.lanes_ms = Some(1e3 * began.elapsed().as_secs_f64());
-            seen.recorded.marks = Some(to_lane_marks(pixels, &seen.calibration));
-            seen.recorded.image = Some(picture.image);
+            let in_file = |points: Vec<[f64; 2]>| {
+                let points = points.into_iter();
+                points.filter_map(|point| picture.in_file(point)).collect()
+            };
+            seen.recorded.marks = Some(mark_points(&pixels).map(in_file));
+            // KITTI's text doesn't say how large its pictures are.
+            seen.calibration.intrinsics.width_px = picture.original.width_px;
+            seen.calibration.intrinsics.height_px = picture.original.height_px;
+            seen.recorded.image = Some(picture.original);
         }
         if let Some(path) = &frame.cloud {
             let cloud = read_cloud(path)?;
@@ -137,10 +142,11 @@ impl Seen {
         let nearest_m = states()
             .map(|state| state.center.position().norm())
             .min_by(f64::total_cmp);
-        let marks = self.recorded.marks.as_ref().map(|marks| {
-            let is_seen = |mark: &[Option<f32>; _]| mark.iter().flatten().count() >= 2;
-            marks.pixels.iter().filter(|mark| is_seen(mark)).count()
-        });
+        let marks = self
+            .recorded
+            .marks
+            .as_ref()
+            .map(|marks| marks.iter().filter(|mark| mark.len() >= 2).count());
         let number =
             |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.1}"));
         let counted = |class| match self.recorded.cloud {

@@ -31,12 +31,15 @@ pub fn tusimple_line(raw_file: &str, pixels: &MarkPixels) -> Result<String, serd
     })
 }
 
-/// The marks of a TuSimple line at the [`ROW_ANCHORS`] of a picture that is `scale` (across, down)
-/// times as large as the labelled one: straight lines between its samples.
+/// The marks of a TuSimple line at the [`ROW_ANCHORS`] of a picture in which `place` finds the
+/// pixels (u, v) of the labelled one: straight lines between its samples.
 ///
 /// # Errors
 /// When the text is no such line or has more lanes than the road has marks.
-pub fn read_tusimple_line(text: &str, scale: [f64; 2]) -> Result<MarkPixels, String> {
+pub fn read_tusimple_line(
+    text: &str,
+    place: impl Fn([f64; 2]) -> Option<[f64; 2]>,
+) -> Result<MarkPixels, String> {
     let line: Line = serde_json::from_str(text).map_err(|error| error.to_string())?;
     if line.lanes.len() > MARK_COUNT {
         let count = line.lanes.len();
@@ -52,9 +55,12 @@ pub fn read_tusimple_line(text: &str, scale: [f64; 2]) -> Result<MarkPixels, Str
     }
     let mut marks = [[None; ROW_ANCHORS.len()]; MARK_COUNT];
     for (mark, lane) in marks.iter_mut().zip(&line.lanes) {
+        let samples = lane.iter().zip(&line.h_samples);
+        let points: Vec<_> = samples
+            .map(|(&u, &v)| (u >= 0.0).then(|| place([u, v])).flatten())
+            .collect();
         for (u, anchor) in mark.iter_mut().zip(&ROW_ANCHORS) {
-            let row = f64::from(anchor.0) / scale[1];
-            *u = column_at(row, &line.h_samples, lane).map(|u| (u * scale[0]) as f32);
+            *u = column_at(f64::from(anchor.0), &points).map(|u| u as f32);
         }
     }
     Ok(marks)
@@ -67,23 +73,22 @@ struct Line {
     h_samples: Vec<f64>,
 }
 
-/// Where a lane crosses `row`, if it is seen at the samples on both sides.
-fn column_at(row: f64, rows: &[f64], columns: &[f64]) -> Option<f64> {
-    let seen = |index: usize| columns.get(index).copied().filter(|&u| u >= 0.0);
-    let above = rows
-        .partition_point(|&sample| sample <= row)
-        .checked_sub(1)?;
-    let share = match rows.get(above + 1) {
-        Some(&below) => (row - rows[above]) / (below - rows[above]),
-        None if row > rows[above] => return None,
-        None => 0.0,
-    };
-    let u = seen(above)?;
-    if share > 0.0 {
-        Some(u + share * (seen(above + 1)? - u))
-    } else {
-        Some(u)
+/// Two rows nearer to each other than this are the same, in pixels.
+const SAME_ROW_PX: f64 = 1e-6;
+
+/// Where a lane crosses `row`: at one of its points, or between two neighbours that are both seen.
+fn column_at(row: f64, points: &[Option<[f64; 2]>]) -> Option<f64> {
+    let at = |&[_, v]: &&[f64; 2]| (v - row).abs() < SAME_ROW_PX;
+    if let Some([u, _]) = points.iter().flatten().find(at) {
+        return Some(*u);
     }
+    points.windows(2).find_map(|pair| {
+        let (above, below) = (pair[0]?, pair[1]?);
+        let share = (row - above[1]) / (below[1] - above[1]);
+        (0.0..=1.0)
+            .contains(&share)
+            .then(|| above[0] + share * (below[0] - above[0]))
+    })
 }
 
 #[cfg(test)]
@@ -113,13 +118,13 @@ mod tests {
             *u = Some(300.0 + 4.0 * row as f32);
         }
         let line = tusimple_line("image_2/000000.png", &pixels).unwrap();
-        assert_eq!(read_tusimple_line(&line, [1.0, 1.0]).unwrap(), pixels);
+        assert_eq!(read_tusimple_line(&line, Some).unwrap(), pixels);
 
         // Labelled in a picture of half the size, at rows 51, 61, ...: u = 150 + 0.8 (row - 51).
         let rows: Vec<f64> = (0..14).map(|i| 51.0 + 10.0 * f64::from(i)).collect();
         let lane: Vec<f64> = rows.iter().map(|row| 150.0 + 0.8 * (row - 51.0)).collect();
         let line = serde_json::json!({"lanes": [lane], "h_samples": rows}).to_string();
-        let read = read_tusimple_line(&line, [2.0, 2.0]).unwrap();
+        let read = read_tusimple_line(&line, |pixel| Some(pixel.map(|px| 2.0 * px))).unwrap();
         assert_eq!(read[0][0], None);
         let u = read[0][1].unwrap();
         assert!(
@@ -129,7 +134,7 @@ mod tests {
 
         let torn = r#"{"lanes": [[1, 2]], "h_samples": [100]}"#;
         assert!(
-            read_tusimple_line(torn, [1.0, 1.0])
+            read_tusimple_line(torn, Some)
                 .unwrap_err()
                 .contains("2 places")
         );

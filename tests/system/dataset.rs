@@ -144,7 +144,7 @@ fn folders_and_single_files_are_evaluated_and_frames_left_out_are_told() {
     assert!(said.starts_with("class") && !said.contains("AP"), "{said}");
     let said = eval("lanes", &out.join("image_2/000001.png"));
     assert!(
-        said.starts_with("row_px") && said.contains("accuracy"),
+        said.starts_with("mark_0_px") && said.contains("accuracy"),
         "{said}"
     );
 
@@ -156,6 +156,59 @@ fn folders_and_single_files_are_evaluated_and_frames_left_out_are_told() {
         "{said}"
     );
     assert!(recording.join("frames.rrd").is_file());
+}
+
+#[test]
+fn a_photograph_of_another_camera_is_seen_through_its_calibration() {
+    const CAMERA: &str = "assets/calibration/windscreen-1280x720.toml";
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("data");
+    output_of(&mut dataset(
+        &out,
+        &["--frames", "1", "--seed", "1", "--calibration", CAMERA],
+    ));
+    // Away from its labels, which stand at rows above the horizon of this camera.
+    let picture = folder.path().join("photograph.png");
+    fs::copy(out.join("image_2/000000.png"), &picture).expect("copied");
+    let eval = |picture: &Path, calibration: &Path| {
+        let mut command = covista();
+        command.args(["eval", "lanes", "--data"]).arg(picture);
+        command.arg("--calibration").arg(calibration);
+        command
+    };
+    let said = output_of(&mut eval(&picture, Path::new(CAMERA)));
+    assert!(said.starts_with("mark_0_px"), "{said}");
+    let places: Vec<[f64; 2]> = said
+        .split_whitespace()
+        .filter_map(|cell| {
+            let (u, v) = cell.split_once(',')?;
+            Some([u.parse().ok()?, v.parse().ok()?])
+        })
+        .collect();
+    assert!(places.len() > 20, "{said}");
+    let is_road = |&[u, v]: &[f64; 2]| (0.0..1280.0).contains(&u) && (410.0..720.0).contains(&v);
+    assert!(places.iter().all(is_road), "{said}");
+
+    let seen = folder.path().join("seen");
+    let mut demo = covista();
+    demo.arg("demo")
+        .arg(&picture)
+        .args(["--calibration", CAMERA]);
+    output_of(demo.arg("--out").arg(&seen));
+    assert!(seen.join("frames.rrd").is_file());
+
+    let small = folder.path().join("small.png");
+    image::RgbImage::new(640, 480)
+        .save(&small)
+        .expect("written");
+    let parts = ["small.png", "640x480", CAMERA, "1280x720"];
+    assert_one_line_error(&mut eval(&small, Path::new(CAMERA)), &parts);
+    let torn = folder.path().join("torn.toml");
+    fs::write(&torn, "[camera]\nwidth_px = 12").expect("written");
+    assert_one_line_error(&mut eval(&picture, &torn), &["torn.toml"]);
+    let text = folder.path().join("torn.txt");
+    fs::write(&text, "P2: 1 2 3\n").expect("written");
+    assert_one_line_error(&mut eval(&picture, &text), &["torn.txt"]);
 }
 
 #[test]

@@ -11,9 +11,9 @@ use covista_viewer::{
     plot_trajectories,
 };
 use covista_world::{
-    Action, Calibration, CameraImage, FilterOutcome, LaneMarks, MARK_COUNT, ObjectClass,
-    ObjectState, PointCloud, ROW_ANCHORS, Road, RoadError, RoadSegment, Se2Pose, Sighting,
-    StationId, Track, VehicleDimensions, wrap_angle,
+    Action, Calibration, CameraImage, FilterOutcome, MARK_COUNT, ObjectClass, ObjectState,
+    PointCloud, ROW_ANCHORS, Road, RoadError, RoadSegment, Se2Pose, Sighting, StationId, Track,
+    VehicleDimensions, wrap_angle,
 };
 use nalgebra::{Point3, Vector2};
 
@@ -350,21 +350,19 @@ fn image(road: &Road, pose: Se2Pose) -> CameraImage {
 }
 
 /// Where the marks of a straight road would be seen.
-fn marks(road: &Road, pose: Se2Pose) -> LaneMarks {
+fn marks(road: &Road, pose: Se2Pose) -> [Vec<[f64; 2]>; MARK_COUNT] {
     let camera = Calibration::kitti().intrinsics;
     let point = road.to_frenet_pose(pose);
-    let pixels = std::array::from_fn(|mark| {
-        ROW_ANCHORS.map(|row| {
-            let below = f64::from(row.0) - camera.cy_px;
+    std::array::from_fn(|mark| {
+        let seen = ROW_ANCHORS.iter().filter_map(|row| {
+            let v = f64::from(row.0);
+            let below = v - camera.cy_px;
             let depth_m = camera.fy_px * 1.65 / below;
             let lateral_m = point.d_m - road.mark_offset_m(mark);
             let u = camera.cx_px + camera.fx_px * lateral_m / depth_m;
             let straight = wrap_angle(point.psi_rad).abs() < FRAC_PI_2;
-            (below > 25.0 && (0.0..1242.0).contains(&u) && straight).then_some(u as f32)
-        })
-    });
-    LaneMarks {
-        pixels,
-        curves: [None; MARK_COUNT],
-    }
+            (below > 25.0 && (0.0..1242.0).contains(&u) && straight).then_some([u, v])
+        });
+        seen.collect()
+    })
 }

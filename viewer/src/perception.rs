@@ -1,5 +1,5 @@
 use covista_world::{
-    Calibration, CameraImage, LaneMarks, ObjectState, PointCloud, ROW_ANCHORS, StationId, Track,
+    Calibration, CameraImage, MARK_COUNT, ObjectState, PointCloud, StationId, Track,
 };
 use image::codecs::jpeg::JpegEncoder;
 use nalgebra::Isometry3;
@@ -127,15 +127,13 @@ fn encode_jpeg(image: &CameraImage) -> Option<Vec<u8>> {
     Some(jpeg)
 }
 
-fn mark_points(marks: &LaneMarks) -> rerun::Points2D {
-    let found = marks.pixels.iter().enumerate().flat_map(|(mark, pixels)| {
-        pixels
-            .iter()
-            .zip(ROW_ANCHORS)
-            .filter_map(move |(u, row)| u.map(|u| (mark, [u, row.0 as f32])))
+fn mark_points(marks: &[Vec<[f64; 2]>; MARK_COUNT]) -> rerun::Points2D {
+    let found = marks.iter().enumerate().flat_map(|(mark, points)| {
+        let points = points.iter();
+        points.map(move |point| (mark, point.map(|px| px as f32)))
     });
-    let (mark_of, pixels): (Vec<_>, Vec<_>) = found.unzip();
-    rerun::Points2D::new(pixels)
+    let (mark_of, points): (Vec<_>, Vec<_>) = found.unzip();
+    rerun::Points2D::new(points)
         .with_colors(
             mark_of
                 .into_iter()
@@ -144,7 +142,7 @@ fn mark_points(marks: &LaneMarks) -> rerun::Points2D {
         .with_radii([rerun::Radius::new_ui_points(2.5)])
 }
 
-const MARK_COLORS: [palette::Rgb; covista_world::MARK_COUNT] = [
+const MARK_COLORS: [palette::Rgb; MARK_COUNT] = [
     palette::VERMILLION,
     palette::YELLOW,
     palette::SKY_BLUE,

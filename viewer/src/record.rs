@@ -1,6 +1,6 @@
 use covista_world::{
-    Action, Calibration, CameraImage, FilterOutcome, LaneIndex, LaneMarks, ObjectState, PointCloud,
-    Road, Se2Pose, StationId, Track, VehicleDimensions,
+    Action, Calibration, CameraImage, FilterOutcome, LaneIndex, MARK_COUNT, ObjectState,
+    PointCloud, Road, Se2Pose, StationId, Track, VehicleDimensions,
 };
 use nalgebra::Point3;
 
@@ -105,8 +105,8 @@ pub struct FocusFrame {
     pub image: Option<CameraImage>,
     /// The LIDAR's sweep.
     pub cloud: Option<PointCloud>,
-    /// The marks that the lane network found.
-    pub marks: Option<LaneMarks>,
+    /// The marks that the lane network found, each by its pixels (u, v) in the image.
+    pub marks: Option<[Vec<[f64; 2]>; MARK_COUNT]>,
     /// The boxes of this instant, its own and those it received.
     pub boxes: Vec<SeenBox>,
     /// Its tracks.

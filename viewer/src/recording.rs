@@ -126,6 +126,9 @@ pub fn check_frame(frame: &FocusFrame, time_s: f64) -> Result<(), ViewerError> {
     if let Some(image) = &frame.image {
         image.validate().map_err(|error| bad(error.to_string()))?;
     }
+    for point in frame.marks.iter().flatten().flatten() {
+        finite("a mark", point)?;
+    }
     if let Some(cloud) = &frame.cloud {
         cloud.validate().map_err(|error| bad(error.to_string()))?;
     }

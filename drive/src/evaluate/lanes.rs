@@ -32,11 +32,13 @@ pub fn evaluate_lanes(
     );
     let (mut sums, mut counted) = ([0.0; 2], 0_usize);
     for (index, frame) in usable.iter().enumerate() {
-        let picture = FittedPicture::read(file_of(&frame.image)?, perceiver.image_size_px())?;
+        let Some(picture) = FittedPicture::read(frame, perceiver.image_size_px())? else {
+            continue;
+        };
         let labels = file_of(&frame.lanes)?;
         let text =
             std::fs::read_to_string(labels).map_err(|error| EvaluateError::file(labels, error))?;
-        let truth = read_tusimple_line(&text, picture.scale)
+        let truth = read_tusimple_line(&text, |pixel| picture.in_network(pixel))
             .map_err(|reason| EvaluateError::file(labels, reason))?;
         let found = perceiver.find_marks(&picture.image)?;
         if let Some(accuracy) = lane_accuracy(&found, &truth) {

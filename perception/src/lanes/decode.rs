@@ -5,6 +5,18 @@ use covista_world::{MARK_COUNT, ROW_ANCHORS};
 /// For each mark its u in pixels at each row anchor, where it is seen.
 pub type MarkPixels = [[Option<f32>; ROW_ANCHORS.len()]; MARK_COUNT];
 
+/// For each mark the pixels (u, v) at which it is seen, from the top.
+pub type MarkPoints = [Vec<[f64; 2]>; MARK_COUNT];
+
+/// The places of marks in the picture.
+pub fn mark_points(pixels: &MarkPixels) -> MarkPoints {
+    std::array::from_fn(|mark| {
+        let rows = pixels[mark].iter().zip(&ROW_ANCHORS);
+        rows.filter_map(|(u, row)| Some([f64::from((*u)?), f64::from(row.0)]))
+            .collect()
+    })
+}
+
 /// Decodes logits [`grid_cells` + 1, row anchors, marks], the last cell being "none".
 ///
 /// Where "none" is not the largest logit, u is `(E + 0.5) * image_width_px / grid_cells` with the

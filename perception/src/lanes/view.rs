@@ -69,6 +69,12 @@ impl LaneView {
         let ray = self.photograph_from_view * self.view.ray(u_px, v_px);
         self.photograph.project(&ray.into())
     }
+
+    /// The pixel (u, v) of the view that shows a pixel of the photograph; it may lie outside.
+    pub fn in_view(&self, [u_px, v_px]: [f64; 2]) -> Option<[f64; 2]> {
+        let ray = self.photograph_from_view.inverse() * self.photograph.ray(u_px, v_px);
+        self.view.project(&ray.into())
+    }
 }
 
 /// The colour at (u, v), or `None` outside of the image. Whole numbers are the centres of pixels.
@@ -200,6 +206,8 @@ mod tests {
                 .in_photograph([middle, f64::from(row)])
                 .expect("in front");
             assert!(beside(u, v).abs() < 0.5, "row {row}: {}", beside(u, v));
+            let [back_u, back_v] = view.in_view([u, v]).expect("in front");
+            assert!((back_u - middle).abs() < 1e-6 && (back_v - f64::from(row)).abs() < 1e-6);
         }
     }
 
