@@ -81,10 +81,7 @@ fn frames_that_are_not_valid_are_refused_in_one_line() {
         error.expect_err("refused").to_string()
     };
     let message = refused(&frame(vec![[f32::NAN, 0.0, 0.0, 0.0]]));
-    assert!(
-        message.contains("1.5 s") && message.contains("point 0"),
-        "{message}"
-    );
+    assert!(message.contains("point 0"), "{message}");
     let mut short = frame(Vec::new());
     short.image.rgb.pop();
     assert!(refused(&short).contains("needs 1397250 bytes"));
