@@ -4,7 +4,7 @@ use covista_world::ObjectClass;
 use nalgebra::{Point3, Vector2};
 
 use super::*;
-use crate::{ConvexPart, Footprint, MarkStyle, VehicleModel};
+use crate::{ConvexPart, Footprint, MarkStyle};
 
 fn scenes(seed: u64, count: u64) -> impl Iterator<Item = (u64, SampledScene)> {
     (0..count).map(move |index| (index, sample_scene(seed, index)))
