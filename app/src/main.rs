@@ -25,7 +25,13 @@ fn main() -> ExitCode {
         Err(asked) if !asked.use_stderr() => asked.exit(),
         Err(error) => {
             let text = error.render().to_string();
-            let said = text.lines().next().unwrap_or_default();
+            // What is wrong ends at the first empty line; missing arguments are a list.
+            let said: Vec<_> = text
+                .lines()
+                .take_while(|line| !line.trim().is_empty())
+                .map(str::trim)
+                .collect();
+            let said = said.join(" ");
             eprintln!(
                 "covista: {}; see --help",
                 said.trim_start_matches("error: ")

@@ -47,8 +47,8 @@ pub fn run(args: &DemoArgs) -> anyhow::Result<()> {
         "" => PathBuf::from("out/frames"),
         name => Path::new("out").join(name),
     });
-    let mut perceiver = perceiver(args.models.as_deref())?;
     prepare_folder(&out)?;
+    let mut perceiver = perceiver(args.models.as_deref())?;
     let rrd = out.join(RECORDING);
     let mut recording = FrameRecording::create(&rrd, &name)?;
     let mut rows = vec![

@@ -123,7 +123,7 @@ impl Calibration {
         })?;
         file.camera
             .check()
-            .and_then(|()| finite("lidar.position_m", &file.lidar.position_m))
+            .and_then(|()| on_a_vehicle("lidar.position_m", &file.lidar.position_m))
             .map_err(|wrong| wrong.within(origin))?;
         Ok(Self {
             intrinsics: file.camera.intrinsics(),
@@ -200,6 +200,8 @@ impl Wrong {
     }
 }
 
+/// Farthest that a sensor may sit from the vehicle's origin along any axis, in metres.
+const REACH_M: f64 = 50.0;
 /// The largest image side that is accepted.
 const LARGEST_PX: u32 = 16_384;
 
@@ -259,7 +261,7 @@ impl CameraFile {
         }
         finite("camera.cx_px", &[self.cx_px])?;
         finite("camera.cy_px", &[self.cy_px])?;
-        finite("camera.position_m", &self.position_m)?;
+        on_a_vehicle("camera.position_m", &self.position_m)?;
         finite("camera.yaw_deg", &[self.yaw_deg])?;
         finite("camera.pitch_deg", &[self.pitch_deg])?;
         finite("camera.roll_deg", &[self.roll_deg])
@@ -282,6 +284,20 @@ impl CameraFile {
             -self.pitch_deg.to_radians(),
             self.yaw_deg.to_radians(),
         )
+    }
+}
+
+/// Sensors sit above the ground and within reach of the vehicle that carries them.
+fn on_a_vehicle(field: &'static str, position_m: &[f64; 3]) -> Result<(), Wrong> {
+    finite(field, position_m)?;
+    let far = position_m.iter().find(|value| value.abs() > REACH_M);
+    match far.or((position_m[2] <= 0.0).then_some(&position_m[2])) {
+        Some(&value) => Err(Wrong {
+            field,
+            value,
+            wanted: "at most 50 m from the rear axle and above the ground",
+        }),
+        None => Ok(()),
     }
 }
 
@@ -354,6 +370,7 @@ mod tests {
         assert!(with("fy_px = 721.5377", "fy_px = nan").contains("fy_px"));
         assert!(with("width_px = 1242", "width_px = 0").contains("from 1"));
         assert!(with("cy_px = 172.854", "cy_px = inf").contains("finite"));
+        assert!(with("0.9, 0.0, 1.73", "0.9, 0.0, -1.73").contains("above the ground"));
         assert!(with("cy_px", "cz_px").contains("cz_px"));
         assert!(with("cy_px = 172.854", "").contains("cy_px"));
         assert!(with("[lidar]", "[radar]").contains("radar"));

@@ -376,6 +376,9 @@ impl Uniform {
         if !(self.highest_deg.is_finite() && self.lowest_deg.is_finite()) {
             return Err("highest_deg and lowest_deg must be finite numbers");
         }
+        if self.highest_deg < self.lowest_deg {
+            return Err("highest_deg must not lie below lowest_deg");
+        }
         let step_deg =
             (self.highest_deg - self.lowest_deg) / self.beams.saturating_sub(1).max(1) as f64;
         Ok((0..self.beams)
