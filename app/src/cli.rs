@@ -130,20 +130,25 @@ pub struct DatasetArgs {
     pub calibration: Option<PathBuf>,
 }
 
-/// What to measure.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum EvalWhat {
-    /// TuSimple accuracy of the lane network
-    Lanes,
-    /// Average precision of the detector
-    Detector,
-}
-
 #[derive(Debug, Args)]
 pub struct EvalArgs {
     /// What to measure
-    #[arg(value_enum)]
+    #[command(subcommand)]
     pub what: EvalWhat,
+}
+
+/// What to measure.
+#[derive(Debug, Subcommand)]
+pub enum EvalWhat {
+    /// TuSimple accuracy of the lane network
+    Lanes(RecordedArgs),
+    /// Average precision of the detector
+    Detector(RecordedArgs),
+}
+
+/// Recorded frames to measure networks on.
+#[derive(Debug, Args)]
+pub struct RecordedArgs {
     /// Folder in KITTI's layout, such as `covista dataset` writes, or a single .bin, .png or .jpg
     #[arg(long, value_name = "PATH")]
     pub data: PathBuf,
