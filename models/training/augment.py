@@ -62,11 +62,11 @@ def turn(columns: np.ndarray, objects: np.ndarray, rng: np.random.Generator) -> 
     objects[:, (1, 6)] *= mirror
     angle = rng.triangular(-math.pi / 4, 0, math.pi / 4) + math.pi * rng.integers(2)
     c, s = math.cos(angle), math.sin(angle)
-    pitch, roll = np.radians(rng.normal(0, 0.8, 2))
-    bend_per_m = rng.normal(0, 2e-4, 2)
+    pitch, roll = np.radians(rng.normal(0, 0.5, 2))
+    bend_per_m = rng.normal(0, 1e-4, 2)
     scale = rng.uniform(0.95, 1.05)
     moved = (scale * np.array(((c, -s, 0), (s, c, 0), (pitch, roll, 1)))).astype(np.float32)
-    shift_m = rng.uniform(-0.15, 0.15)
+    shift_m = rng.uniform(-0.1, 0.1)
     columns[:3] = (moved * (1, mirror, 1)).astype(np.float32) @ columns[:3]
     objects[:, :3] = objects[:, :3] @ moved.T
     for x, y, z in (columns[:3], objects[:, :3].T):

@@ -19,6 +19,7 @@ PILLAR_M = 0.16
 STRIDE = 2
 PADDING = -1e4
 CLASSES = ("car", "truck")
+BOX_WEIGHTS = (1.0, 1.0, 3.0, 1.0, 1.0, 2.0, 1.0)  # the overlap in 3D fails by height first
 
 
 @dataclass(frozen=True)
@@ -364,7 +365,8 @@ def loss(outputs: tuple[Tensor, ...], batch: dict[str, Tensor]) -> dict[str, Ten
     delta = deltas.reshape(-1, 7)[anchor]
     error = delta - batch["delta"]
     error = torch.cat((error[:, :6], error[:, 6:].sin()), 1)
-    boxes = F.smooth_l1_loss(error, torch.zeros_like(error), reduction="sum", beta=1 / 9) / number
+    boxes = F.smooth_l1_loss(error, torch.zeros_like(error), reduction="none", beta=1 / 9)
+    boxes = (boxes * boxes.new_tensor(BOX_WEIGHTS)).sum() / number
     logits = directions.reshape(-1, 2)[anchor]
     direction = F.cross_entropy(logits, batch["direction"], reduction="sum") / number
     return {"classes": classes, "boxes": 2 * boxes, "direction": 0.2 * direction}
