@@ -13,19 +13,22 @@ from PIL import Image, ImageDraw, ImageFilter
 
 import lanes
 
-REACH_M = (72.0, 14.0)
+MARGIN_M = 1.5
 GROUND_M = 0.15
 HORIZON = np.array((609.56, 172.85))
 
 
 def scene(
-    points: np.ndarray, objects: np.ndarray, rng: np.random.Generator
+    points: np.ndarray, objects: np.ndarray, range_m: tuple[float, ...], rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points [N, 4] and boxes [M, 8+] of one sweep, moved and measured differently."""
+    """Points [N, 4] and boxes [M, 8+] of one sweep, moved and measured differently; the points
+    about `range_m` (x, y, z from and to)."""
     columns, objects = np.ascontiguousarray(points.T), objects.copy()
     resize_vehicles(columns, objects, rng)
     turn(columns, objects, rng)
-    columns = columns[:, (np.abs(columns[0]) < REACH_M[0]) & (np.abs(columns[1]) < REACH_M[1])]
+    x0, y0, _, x1, y1, _ = range_m
+    x, y = columns[:2]
+    columns = columns[:, (x > x0 - MARGIN_M) & (x < x1 + MARGIN_M) & (y > y0 - MARGIN_M) & (y < y1 + MARGIN_M)]
     columns = measure_again(columns, rng)
     if rng.random() < 0.4:
         columns = cut_to_view(columns, rng)
@@ -52,12 +55,12 @@ def resize_vehicles(columns: np.ndarray, objects: np.ndarray, rng: np.random.Gen
 def turn(columns: np.ndarray, objects: np.ndarray, rng: np.random.Generator) -> None:
     """Mirror along the forward axis, rotation, scaling, and another ground; in place.
 
-    The rotation is up to 45 degrees, mostly below 20. The ground tilts, bends and shifts; that is
+    The rotation is up to 45 degrees, mostly below 20, and half of the sweeps look back. The ground tilts, bends and shifts; that is
     small enough to move points and boxes up and down only.
     """
     mirror = rng.choice((-1, 1))
     objects[:, (1, 6)] *= mirror
-    angle = rng.triangular(-math.pi / 4, 0, math.pi / 4)
+    angle = rng.triangular(-math.pi / 4, 0, math.pi / 4) + math.pi * rng.integers(2)
     c, s = math.cos(angle), math.sin(angle)
     pitch, roll = np.radians(rng.normal(0, 0.8, 2))
     bend_per_m = rng.normal(0, 2e-4, 2)

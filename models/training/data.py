@@ -13,6 +13,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,7 @@ import pointpillars as pp
 
 CLASS_OF_TYPE = {"Car": 0, "Van": 1, "Truck": 1}
 MIN_POINTS = 5
+STRIP_M = 39.68
 Sample = dict[str, np.ndarray]
 
 
@@ -156,10 +158,10 @@ class LaneDataset(Dataset):
 
 
 class DetectorDataset(Dataset):
-    """Pillars and anchor targets; augmented when training."""
+    """Pillars and anchor targets; augmented, and of a window of the range, when training."""
 
-    def __init__(self, root: Path, augmented: bool) -> None:
-        self.root, self.augmented = root, augmented
+    def __init__(self, root: Path, augmented: bool, detector: pp.Detector) -> None:
+        self.root, self.augmented, self.detector = root, augmented, detector
         self.frames = complete_frames(root)
 
     def __len__(self) -> int:
@@ -167,34 +169,53 @@ class DetectorDataset(Dataset):
 
     def __getitem__(self, item: tuple[int, int]) -> Sample:
         index, seed = item
-        frame = self.frames[index]
+        frame, detector = self.frames[index], self.detector
         points, objects = read_points(self.root, frame), read_objects(self.root, frame)
         if self.augmented:
-            points, objects = augment.scene(points, objects, np.random.default_rng(seed))
-        objects = objects[in_range(objects)]
+            rng = np.random.default_rng(seed)
+            detector = window(detector, rng)
+            points, objects = augment.scene(points, objects, detector.range_m, rng)
+        objects = objects[in_range(objects, detector)]
         if self.augmented:  # points were lost
             objects[:, 8] = [count_inside(points, box) for box in objects[:, :7]]
-        pillars, coords = pp.voxelize(points)
+        pillars = pp.voxelize(points, detector)
         cared = objects[:, 8] >= MIN_POINTS
-        targets = pp.assign_targets(objects[:, :7], objects[:, 7].astype(int), cared)
-        return {"pillars": pillars, "coords": coords, **targets}
+        targets = pp.assign_targets(objects[:, :7], objects[:, 7].astype(int), cared, detector)
+        return {
+            "pillars": pillars.points,
+            "coords": pillars.coords,
+            "numbers": pillars.numbers,
+            "grid": np.array(detector.grid),
+            **targets,
+        }
 
     @staticmethod
     def collate(samples: list[Sample]) -> dict[str, Tensor]:
-        anchors = pp.MAP_NY * pp.MAP_NX * pp.PER_CELL
+        """One batch of samples whose grids are alike."""
+        grid = samples[0]["grid"]
         joined = {
-            "coords": [s["coords"] + i * pp.NX * pp.NY for i, s in enumerate(samples)],
-            "anchor": [s["anchor"] + i * anchors for i, s in enumerate(samples)],
+            "grid": [grid],
+            "coords": [s["coords"] + i * grid.prod() for i, s in enumerate(samples)],
+            "anchor": [s["anchor"] + i * s["labels"].size for i, s in enumerate(samples)],
             "labels": [s["labels"][None] for s in samples],
         }
-        for key in ("pillars", "delta", "direction"):
+        for key in ("pillars", "numbers", "delta", "direction"):
             joined[key] = [s[key] for s in samples]
         return {k: torch.from_numpy(np.concatenate(v)) for k, v in joined.items()}
 
 
-def in_range(boxes: np.ndarray) -> np.ndarray:
+def window(detector: pp.Detector, rng: np.random.Generator) -> pp.Detector:
+    """The same detector over a strip of its range, up to 39.68 m wide: mostly about the middle."""
+    x0, y0, z0, x1, y1, z1 = detector.range_m
+    spare_m = max(y1 - y0 - STRIP_M, 0)
+    low = y0 + (rng.triangular(0, spare_m / 2, spare_m) if spare_m else 0)
+    high = low + min(y1 - y0, STRIP_M)
+    return replace(detector, range_m=(x0, low, z0, x1, high, z1))
+
+
+def in_range(boxes: np.ndarray, detector: pp.Detector) -> np.ndarray:
     """Whether the centre of each box [M, 7+] lies in the detector's range."""
-    low, high = np.array(pp.RANGE_M[:2]), np.array(pp.RANGE_M[3:5])
+    low, high = np.array(detector.range_m[:2]), np.array(detector.range_m[3:5])
     return ((boxes[:, :2] >= low) & (boxes[:, :2] < high)).all(1)
 
 

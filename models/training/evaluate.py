@@ -11,7 +11,9 @@ import argparse
 import json
 import math
 import tomllib
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -36,14 +38,14 @@ def open_model(path: Path, threads: int = 1) -> onnxruntime.InferenceSession:
     return onnxruntime.InferenceSession(path, options, ["CPUExecutionProvider"])
 
 
-def anchors_of(model: Path) -> np.ndarray:
+def anchors_of(detector: pp.Detector, model: Path) -> np.ndarray:
     """The anchors [K, 7] of a detector: its card's, or today's where it has no card yet."""
     anchors, card = pp.ANCHORS, model.with_suffix(".toml")
     if card.exists():
         entries = tomllib.loads(card.read_text())["anchors"]
         sizes = [(tuple(entry["size_m"]), entry["center_z_m"]) for entry in entries]
         anchors = tuple(replace(a, size_m=size, center_z_m=z) for a, (size, z) in zip(anchors, sizes))
-    return pp.anchor_boxes(anchors).reshape(-1, 7)
+    return pp.anchor_boxes(detector, anchors).reshape(-1, 7)
 
 
 def evaluate_lanes(root: Path, model: Path, limit: int) -> dict[str, float]:
@@ -115,10 +117,17 @@ class Frame:
     truth: np.ndarray
 
 
-def detect(session: onnxruntime.InferenceSession, points: np.ndarray, anchors: np.ndarray) -> Frame:
+def detect(
+    detector: pp.Detector, session: onnxruntime.InferenceSession, points: np.ndarray, anchors: np.ndarray
+) -> Frame:
     """Boxes above a score of 0.05, after suppression of overlaps whatever their class."""
-    pillars, coords = pp.voxelize(points)
-    logits, deltas, directions = session.run(None, {"pillars": pillars, "coords": coords})
+    pillars = pp.voxelize(points, detector)
+    inputs = {"pillars": pillars.padded(detector.max_points), "coords": pillars.coords}
+    return boxes_of(*session.run(None, inputs), anchors)
+
+
+def boxes_of(logits: np.ndarray, deltas: np.ndarray, directions: np.ndarray, anchors: np.ndarray) -> Frame:
+    """The boxes in the network's outputs."""
     scores = 1 / (1 + np.exp(-logits.reshape(-1)))
     best = np.argsort(-scores)[:300]
     best = best[scores[best] > 0.05]
@@ -167,14 +176,14 @@ def average_precision(frames: list[Frame], cls: int, iou: float) -> float:
     return 100 * float(np.mean(samples))
 
 
-def evaluate_pointpillars(root: Path, model: Path, limit: int) -> dict[str, float]:
+def evaluate_detector(detector: pp.Detector, root: Path, model: Path, limit: int) -> dict[str, float]:
     """AP by class and IoU; at the card's score threshold recall, precision and errors by distance."""
-    session, anchors = open_model(model), anchors_of(model)
+    session, anchors = open_model(model), anchors_of(detector, model)
     frames = []
-    for name in tqdm(complete_frames(root)[:limit], desc="pointpillars", mininterval=5):
-        frame = detect(session, read_points(root, name), anchors)
+    for name in tqdm(complete_frames(root)[:limit], desc=detector.id, mininterval=5):
+        frame = detect(detector, session, read_points(root, name), anchors)
         objects = read_objects(root, name)
-        frame.truth = objects[in_range(objects)]
+        frame.truth = objects[in_range(objects, detector)]
         frames.append(frame)
     metrics: dict[str, float] = {"frames": len(frames)}
     for cls, label in enumerate(pp.CLASSES):
@@ -220,7 +229,9 @@ def operating_point(frames: list[Frame], low: float, high: float, suffix: str | 
     }
 
 
-EVALUATE = {"lanes": evaluate_lanes, "pointpillars": evaluate_pointpillars}
+EVALUATE: dict[str, Callable[[Path, Path, int], dict[str, float]]] = {"lanes": evaluate_lanes}
+for detector in pp.DETECTORS.values():
+    EVALUATE[detector.id] = partial(evaluate_detector, detector)
 
 
 def main() -> None:

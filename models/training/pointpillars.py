@@ -1,4 +1,4 @@
-"""PointPillars detector over a freeway range: pillars, network, anchors, targets, loss, decoding.
+"""PointPillars detectors: settings, pillars, network, anchors, targets, loss, decoding.
 
 Everything is in the LIDAR frame (x forward, y left, z up). A box is
 [x, y, z, l, w, h, yaw] with its centre in metres; class 0 is a car, class 1 a truck.
@@ -15,14 +15,50 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-RANGE_M = (-69.12, -12.8, -3.0, 69.12, 12.8, 1.0)
 PILLAR_M = 0.16
-NX, NY = 864, 160
-MAX_PILLARS, MAX_POINTS = 20000, 32
 STRIDE = 2
 PADDING = -1e4
-MAP_NX, MAP_NY = NX // STRIDE, NY // STRIDE
 CLASSES = ("car", "truck")
+
+
+@dataclass(frozen=True)
+class Detector:
+    """Range, pillars and channels: all in which two detectors differ."""
+
+    id: str
+    description: str
+    range_m: tuple[float, float, float, float, float, float]
+    max_pillars: int
+    max_points: int
+    channels: tuple[int, int, int, int]  # of a pillar and of the three blocks
+    up_channels: int
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Pillars along y and x."""
+        (x0, y0, _, x1, y1, _) = self.range_m
+        return round((y1 - y0) / PILLAR_M), round((x1 - x0) / PILLAR_M)
+
+    @property
+    def map(self) -> tuple[int, int]:
+        """Cells of the network's output along y and x."""
+        ny, nx = self.grid
+        return ny // STRIDE, nx // STRIDE
+
+
+FREEWAY = Detector(
+    "pointpillars",
+    "PointPillars over a freeway range at half the usual channels: cars and trucks all around.",
+    (-69.12, -12.8, -3.0, 69.12, 12.8, 1.0),
+    max_pillars=20000, max_points=32, channels=(32, 32, 64, 128), up_channels=64,
+)  # fmt: skip
+KITTI = Detector(
+    "pointpillars-kitti",
+    "PointPillars of the published shape over KITTI's range: cars and trucks ahead.",
+    (0.0, -39.68, -3.0, 69.12, 39.68, 1.0),
+    max_pillars=12000, max_points=100, channels=(64, 64, 128, 256), up_channels=128,
+)  # fmt: skip
+DETECTORS = {detector.id: detector for detector in (FREEWAY, KITTI)}
 
 
 @dataclass(frozen=True)
@@ -43,63 +79,95 @@ ANCHOR_YAWS = (0.0, math.pi / 2)
 PER_CELL = len(ANCHORS) * len(ANCHOR_YAWS)
 
 
-def voxelize(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points [N, 4] (x, y, z, reflectance) to pillars [P, 32, 9], zero padded, and coords [P].
+@dataclass(frozen=True)
+class Pillars:
+    """The points of all pillars: `points` [N, 9], `coords` [P] as iy * nx + ix, `numbers` [P]."""
 
-    A pillar keeps its first 32 points; pillars beyond 20000, in order of their first point, are
-    dropped. A coord is iy * nx + ix.
+    points: np.ndarray
+    coords: np.ndarray
+    numbers: np.ndarray
+
+    def padded(self, max_points: int) -> np.ndarray:
+        """Pillars [P, max_points, 9], zero padded."""
+        pillars = np.zeros((len(self.coords), max_points, 9), np.float32)
+        pillar = np.repeat(np.arange(len(self.coords)), self.numbers)
+        rank = np.arange(len(pillar)) - np.repeat(np.cumsum(self.numbers) - self.numbers, self.numbers)
+        pillars[pillar, rank] = self.points
+        return pillars
+
+
+def voxelize(points: np.ndarray, detector: Detector) -> Pillars:
+    """Points [N, 4] (x, y, z, reflectance) to pillars, by cell.
+
+    A pillar keeps its first `max_points`; pillars beyond `max_pillars`, in order of their first
+    point, are dropped.
     """
-    low, high = np.array(RANGE_M[:3], np.float32), np.array(RANGE_M[3:], np.float32)
+    ny, nx = detector.grid
+    low, high = np.array(detector.range_m[:3], np.float32), np.array(detector.range_m[3:], np.float32)
     points = points[np.all((points[:, :3] >= low) & (points[:, :3] < high), axis=1)]
     cell = ((points[:, :2] - low[:2]) / np.float32(PILLAR_M)).astype(np.int64)
-    cell = np.minimum(cell, (NX - 1, NY - 1))
-    order = np.argsort(cell[:, 1] * NX + cell[:, 0], kind="stable")
+    cell = np.minimum(cell, (nx - 1, ny - 1))
+    order = np.argsort(cell[:, 1] * nx + cell[:, 0], kind="stable")
     points, cell = points[order], cell[order]
-    key = cell[:, 1] * NX + cell[:, 0]
+    key = cell[:, 1] * nx + cell[:, 0]
     starts = np.flatnonzero(np.diff(key, prepend=-1))
     counts = np.diff(starts, append=len(key))
-    if len(starts) > MAX_PILLARS:
-        kept = np.sort(np.argsort(order[starts])[:MAX_PILLARS])
+    if len(starts) > detector.max_pillars:
+        kept = np.sort(np.argsort(order[starts])[: detector.max_pillars])
     else:
         kept = np.arange(len(starts))
     pillar_of_start = np.full(len(starts), -1)
     pillar_of_start[kept] = np.arange(len(kept))
     rank = np.arange(len(key)) - np.repeat(starts, counts)
     pillar = np.repeat(pillar_of_start, counts)
-    taken = (rank < MAX_POINTS) & (pillar >= 0)
-    points, cell, rank, pillar = points[taken], cell[taken], rank[taken], pillar[taken]
+    taken = (rank < detector.max_points) & (pillar >= 0)
+    points, cell, pillar = points[taken], cell[taken], pillar[taken]
 
-    number = np.minimum(counts[kept], MAX_POINTS)
+    numbers = np.minimum(counts[kept], detector.max_points)
     sums = np.stack([np.bincount(pillar, points[:, i], len(kept)) for i in range(3)], 1)
-    mean = (sums / np.maximum(number, 1)[:, None]).astype(np.float32)
+    mean = (sums / np.maximum(numbers, 1)[:, None]).astype(np.float32)
     center = ((cell + 0.5) * PILLAR_M + low[:2]).astype(np.float32)
-    pillars = np.zeros((len(kept), MAX_POINTS, 9), np.float32)
     offsets = (points[:, :3] - mean[pillar], points[:, :2] - center)
-    pillars[pillar, rank] = np.concatenate((points, *offsets), 1)
-    return pillars, key[starts[kept]]
+    return Pillars(np.concatenate((points, *offsets), 1), key[starts[kept]], numbers)
 
 
 class PillarFeatures(nn.Module):
-    """Each point through Linear + BN + ReLU, then the maximum over a pillar's points."""
+    """Each point through Linear + BN + ReLU, then the maximum over a pillar's points.
 
-    def __init__(self, channels: int = 32) -> None:
+    Takes padded pillars [P, max_points, 9], or in training points [N, 9] and their numbers [P].
+    """
+
+    def __init__(self, channels: int) -> None:
         super().__init__()
         self.linear = nn.Linear(9, channels, bias=False)
         self.bn = nn.BatchNorm1d(channels, eps=1e-3)
 
-    def forward(self, pillars: Tensor) -> Tensor:
-        real = pillars[..., 0].abs() + pillars[..., 1].abs() > 0
-        if self.training:  # only real points, so that padding doesn't enter the statistics
-            points = F.relu(self.bn(self.linear(pillars[real]).float()))
-            return torch.segment_reduce(points, "max", lengths=real.sum(1))
-        # The same with less memory moved: BN is folded into the weights, shift and ReLU, which keep
-        # the order, follow the maximum, and a tenth feature puts padding below every point.
+    def forward(self, pillars: Tensor, numbers: Tensor | None = None) -> Tensor:
+        if numbers is not None:
+            points = F.relu(self.bn(self.linear(pillars).float()))
+            return torch.segment_reduce(points, "max", lengths=numbers)
+        return self.folded()(pillars)
+
+    def folded(self) -> FoldedPillarFeatures:
+        """The same with less memory moved: BN is folded into the weights, shift and ReLU, which
+        keep the order, follow the maximum, and a tenth feature puts padding below every point."""
         scale = self.bn.weight * torch.rsqrt(self.bn.running_var + self.bn.eps)
-        shift = self.bn.bias - self.bn.running_mean * scale
         below = torch.full_like(scale, PADDING)
         weight = torch.cat((self.linear.weight * scale[:, None], below[:, None]), 1)
-        features = torch.cat((pillars, (~real).float()[..., None]), 2)
-        return F.relu(F.linear(features, weight).amax(1) + shift)
+        return FoldedPillarFeatures(weight, self.bn.bias - self.bn.running_mean * scale)
+
+
+class FoldedPillarFeatures(nn.Module):
+    """What [`PillarFeatures`] computes of padded pillars once it is trained."""
+
+    def __init__(self, weight: Tensor, shift: Tensor) -> None:
+        super().__init__()
+        self.weight, self.shift = nn.Parameter(weight), nn.Parameter(shift)
+
+    def forward(self, pillars: Tensor, numbers: None = None) -> Tensor:
+        padding = pillars[..., 0].abs() + pillars[..., 1].abs() == 0
+        features = torch.cat((pillars, padding.float()[..., None]), 2)
+        return F.relu(F.linear(features, self.weight).amax(1) + self.shift)
 
 
 def conv_block(inputs: int, outputs: int, layers: int) -> nn.Sequential:
@@ -118,53 +186,90 @@ def up_block(inputs: int, outputs: int, factor: int) -> nn.Sequential:
 
 
 class PointPillars(nn.Module):
-    """Pillars [P, 32, 9] and coords [P] to class, box and direction maps [B, 80, 432, 4, ...]."""
+    """Pillars and their coords [P] to class, box and direction maps [B, map y, map x, anchor, ...]."""
 
-    def __init__(self) -> None:
+    def __init__(self, detector: Detector) -> None:
         super().__init__()
-        self.features = PillarFeatures(32)
+        first, *blocks = detector.channels
+        up = detector.up_channels
+        self.grid = detector.grid
+        self.features = PillarFeatures(first)
         self.blocks = nn.ModuleList(
-            (conv_block(32, 32, 3), conv_block(32, 64, 5), conv_block(64, 128, 5))
+            conv_block(i, o, layers) for i, o, layers in zip(detector.channels, blocks, (3, 5, 5))
         )
-        self.ups = nn.ModuleList((up_block(32, 64, 1), up_block(64, 64, 2), up_block(128, 64, 4)))
-        self.classes = nn.Conv2d(192, PER_CELL, 1)
-        self.boxes = nn.Conv2d(192, PER_CELL * 7, 1)
-        self.directions = nn.Conv2d(192, PER_CELL * 2, 1)
+        self.ups = nn.ModuleList(up_block(width, up, factor) for width, factor in zip(blocks, (1, 2, 4)))
+        self.classes = nn.Conv2d(3 * up, PER_CELL, 1)
+        self.boxes = nn.Conv2d(3 * up, PER_CELL * 7, 1)
+        self.directions = nn.Conv2d(3 * up, PER_CELL * 2, 1)
         nn.init.constant_(self.classes.bias, -math.log((1 - 0.01) / 0.01))
         nn.init.normal_(self.boxes.weight, std=1e-3)
 
-    def forward(self, pillars: Tensor, coords: Tensor, batch: int = 1) -> tuple[Tensor, ...]:
-        """`coords` of frame b in a batch are shifted by b * ny * nx."""
-        features = self.features(pillars)
-        canvas = features.new_zeros(batch * NY * NX, features.shape[1])
+    def forward(
+        self,
+        pillars: Tensor,
+        coords: Tensor,
+        numbers: Tensor | None = None,
+        batch: int = 1,
+        grid: tuple[int, int] | None = None,
+    ) -> tuple[Tensor, ...]:
+        """`grid` is that of a window, where it isn't the detector's; `coords` of frame b in a batch
+        are shifted by b times its cells."""
+        ny, nx = grid or self.grid
+        features = self.features(pillars, numbers)
+        canvas = features.new_zeros(batch * ny * nx, features.shape[1])
         canvas = canvas.index_put((coords,), features)
-        x = canvas.view(batch, NY, NX, -1).permute(0, 3, 1, 2)
+        x = canvas.view(batch, ny, nx, -1).permute(0, 3, 1, 2)
         maps = []
         for block, up in zip(self.blocks, self.ups):
             x = block(x)
             maps.append(up(x))
         x = torch.cat(maps, 1)
-        shape = (batch, MAP_NY, MAP_NX, PER_CELL)
+        shape = (batch, ny // STRIDE, nx // STRIDE, PER_CELL)
         classes, boxes, directions = (
             head(x).permute(0, 2, 3, 1) for head in (self.classes, self.boxes, self.directions)
         )
         return classes.reshape(shape), boxes.reshape(*shape, 7), directions.reshape(*shape, 2)
 
 
-def cell_centers() -> tuple[np.ndarray, np.ndarray]:
-    """x [432] and y [80] of the map's cells, in metres."""
+@torch.no_grad()
+def widen(weights: dict[str, Tensor], model: PointPillars) -> dict[str, Tensor]:
+    """The weights of a narrower network among those of `model`, which then computes the same.
+
+    The channels that are new keep their random weights; what the old ones and the heads take from
+    them begins at zero.
+    """
+    wide = model.state_dict()
+    up, maps = model.ups[0][0].out_channels, len(model.ups)
+    narrow_up = weights["classes.weight"].shape[1] // maps
+    heard = torch.cat([torch.arange(narrow_up) + m * up for m in range(maps)])
+    for name, value in wide.items():
+        old = weights[name]
+        if value.dim() < 2:  # a statistic, scale or bias of each channel, or the count of batches
+            value.reshape(-1)[: old.numel()] = old.reshape(-1)
+            continue
+        if name.startswith("ups") and value.dim() == 4:  # transposed: [inputs, outputs, ...]
+            value, old = value.transpose(0, 1), old.transpose(0, 1)
+        inputs = heard if name.split(".")[0] in ("classes", "boxes", "directions") else torch.arange(old.shape[1])
+        value[: len(old)] = 0
+        value[: len(old), inputs] = old
+    return wide
+
+
+def cell_centers(detector: Detector) -> tuple[np.ndarray, np.ndarray]:
+    """x and y of the map's cells, in metres."""
     step = PILLAR_M * STRIDE
+    map_y, map_x = detector.map
     return (
-        (RANGE_M[0] + (np.arange(MAP_NX) + 0.5) * step).astype(np.float32),
-        (RANGE_M[1] + (np.arange(MAP_NY) + 0.5) * step).astype(np.float32),
+        (detector.range_m[0] + (np.arange(map_x) + 0.5) * step).astype(np.float32),
+        (detector.range_m[1] + (np.arange(map_y) + 0.5) * step).astype(np.float32),
     )
 
 
-@functools.cache
-def anchor_boxes(anchors: tuple[AnchorClass, ...] = ANCHORS) -> np.ndarray:
-    """The anchors as boxes [80, 432, 4, 7]: car at 0 and pi/2, truck at 0 and pi/2."""
-    x, y = cell_centers()
-    boxes = np.zeros((MAP_NY, MAP_NX, PER_CELL, 7), np.float32)
+@functools.lru_cache(maxsize=4)
+def anchor_boxes(detector: Detector, anchors: tuple[AnchorClass, ...] = ANCHORS) -> np.ndarray:
+    """The anchors as boxes [map y, map x, 4, 7]: car at 0 and pi/2, truck at 0 and pi/2."""
+    x, y = cell_centers(detector)
+    boxes = np.zeros((len(y), len(x), PER_CELL, 7), np.float32)
     boxes[..., 0], boxes[..., 1] = x[None, :, None], y[:, None, None]
     for a in range(PER_CELL):
         anchor = anchors[a // len(ANCHOR_YAWS)]
@@ -180,15 +285,15 @@ def overlap(centers: np.ndarray, length: float, center: float, other: float) -> 
 
 
 def assign_targets(
-    boxes: np.ndarray, classes: np.ndarray, cared: np.ndarray
+    boxes: np.ndarray, classes: np.ndarray, cared: np.ndarray, detector: Detector
 ) -> dict[str, np.ndarray]:
     """Anchors to ground truth [M, 7] by the IoU of their nearest axis-aligned footprints.
 
-    Returns `labels` [80, 432, 4] (1 object, 0 background, -1 ignored), and for the positive
+    Returns `labels` [map y, map x, 4] (1 object, 0 background, -1 ignored), and for the positive
     anchors, in order, their `anchor` index, `delta` [K, 7] and `direction` [K].
     """
-    xs, ys = cell_centers()
-    labels = np.zeros((MAP_NY, MAP_NX, PER_CELL), np.int8)
+    xs, ys = cell_centers(detector)
+    labels = np.zeros((len(ys), len(xs), PER_CELL), np.int8)
     matched = np.full(labels.shape, -1)
     for c, anchor in enumerate(ANCHORS):
         slots = slice(2 * c, 2 * c + 2)
@@ -220,7 +325,7 @@ def assign_targets(
         labels[..., slots] = label
     positive = np.flatnonzero(labels.reshape(-1) == 1)
     truth = boxes[matched.reshape(-1)[positive]].reshape(-1, 7)
-    delta = encode(truth, anchor_boxes().reshape(-1, 7)[positive])
+    delta = encode(truth, anchor_boxes(detector).reshape(-1, 7)[positive])
     direction = (np.cos(truth[:, 6]) < 0).astype(np.int64)
     return {"labels": labels, "anchor": positive, "delta": delta, "direction": direction}
 

@@ -45,7 +45,8 @@ def detector(real: Path, model: Path, frame: str = "kitti_000008") -> dict[str, 
     """Every label's best detection above the score threshold, and the false boxes."""
     camera_from_lidar, projection = read_calibration(real / f"{frame}_calib.txt")
     points = np.fromfile(real / f"{frame}.bin", np.float32).reshape(-1, 4)
-    found = ev.detect(ev.open_model(model), points, ev.anchors_of(model))
+    network = pp.DETECTORS[model.stem]
+    found = ev.detect(network, ev.open_model(model), points, ev.anchors_of(network, model))
     keep = found.scores >= SCORE_THRESHOLD
     boxes, scores, classes = found.boxes[keep], found.scores[keep], found.classes[keep]
     lines = [line.split() for line in (real / f"{frame}_label.txt").read_text().splitlines()]

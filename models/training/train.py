@@ -10,7 +10,9 @@ import argparse
 import copy
 import json
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 
@@ -38,8 +40,8 @@ class Task:
     """What differs between the two networks."""
 
     module: ModuleType
-    network: type[nn.Module]
-    dataset: type[LaneDataset] | type[DetectorDataset]
+    network: Callable[[], nn.Module]
+    dataset: Callable[..., LaneDataset | DetectorDataset]
     batch: int
     learning_rate: float
 
@@ -49,14 +51,18 @@ class Task:
             if self.module is lanes:
                 outputs = model(lanes.normalise(batch["image"]))
             else:
-                outputs = model(batch["pillars"], batch["coords"], len(batch["labels"]))
+                frames, grid = len(batch["labels"]), tuple(batch["grid"].tolist())
+                outputs = model(batch["pillars"], batch["coords"], batch["numbers"], frames, grid)
         return self.module.loss(outputs, batch)
 
 
 TASKS = {
     "lanes": Task(lanes, lanes.Ufld, LaneDataset, 8, 1e-3),
-    "pointpillars": Task(pointpillars, pointpillars.PointPillars, DetectorDataset, 4, 2e-3),
 }
+for detector in pointpillars.DETECTORS.values():
+    network = partial(pointpillars.PointPillars, detector)
+    dataset = partial(DetectorDataset, detector=detector)
+    TASKS[detector.id] = Task(pointpillars, network, dataset, 2, 1.5e-3)
 
 
 def batch_device(batch: dict[str, Tensor]) -> torch.device:
@@ -140,7 +146,10 @@ def main() -> None:
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     model = task.network().to(device, memory_format=torch.channels_last).train()
     if args.from_weights:
-        model.load_state_dict(torch.load(args.from_weights, map_location=device)["average"])
+        weights = torch.load(args.from_weights, map_location=device)["average"]
+        if task.module is pointpillars:
+            weights = pointpillars.widen(weights, model)
+        model.load_state_dict(weights)
     average = copy.deepcopy(model)
     peak = args.learning_rate or task.learning_rate
     optimizer = torch.optim.AdamW(model.parameters(), peak, weight_decay=0.01)
