@@ -10,9 +10,11 @@ use covista_world::{
 
 use crate::card::{CardError, ModelCard, Network, UfldSpec};
 use crate::free_space::free_space;
-use crate::fusion::fuse;
+use crate::fusion::{LaneCourse, fuse};
+use crate::ground::Ground;
 use crate::lanes::decode::MarkPixels;
-use crate::lanes::{decode, ground, network::LaneNetwork, preprocess::Resize};
+use crate::lanes::ground::to_lane_marks;
+use crate::lanes::{decode, network::LaneNetwork, preprocess::Resize};
 use crate::models::{DETECTOR_MODEL, LANE_MODEL, ModelError};
 use crate::pointpillars::{decode::BoxDecoder, network::DetectorNetwork, preprocess::PillarGrid};
 use crate::runtime::{OnnxRuntime, one_line};
@@ -49,6 +51,8 @@ pub enum PerceiveError {
 pub struct FramePercepts {
     /// The lane marks in the image and on the ground.
     pub marks: LaneMarks,
+    /// Where the lanes run; `None` where too little of their marks is seen.
+    pub course: Option<LaneCourse>,
     /// The vehicles, the surest first.
     pub percepts: Vec<Percept>,
     /// How far the way is seen free.
@@ -179,14 +183,16 @@ impl Perceiver {
         };
         let pixels = pixels.map_err(failed(LANE_MODEL))?;
         let detections = detections.map_err(failed(DETECTOR_MODEL))?;
-        let ((marks, percepts, free_space), fusion_s) = timed(|| {
-            let marks = ground::to_lane_marks(pixels, calibration);
-            let percepts = fuse(&marks, &detections, calibration);
-            (marks, percepts, free_space(&frame.points, calibration))
+        let ((marks, fused, free_space), fusion_s) = timed(|| {
+            let ground = Ground::fit(&frame.points, calibration);
+            let marks = to_lane_marks(pixels, &ground, calibration);
+            let fused = fuse(&marks, &detections, calibration);
+            (marks, fused, free_space(&frame.points, calibration))
         });
         Ok(FramePercepts {
             marks,
-            percepts,
+            course: fused.course,
+            percepts: fused.percepts,
             free_space,
             timings: StageTimes {
                 lanes_s,

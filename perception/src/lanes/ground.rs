@@ -1,14 +1,16 @@
-//! Marks from pixels to the flat ground, and the curve of each mark in the vehicle frame.
+//! Marks from pixels to the ground, and the curve of each mark in the vehicle frame.
 
 use covista_world::{Calibration, LaneMarks, MarkCurve, ROW_ANCHORS};
 use nalgebra::{Matrix3, Point3, Vector2, Vector3};
 
 use super::decode::MarkPixels;
+use crate::ground::Ground;
 
 /// A mark farther than this is too near the horizon to be placed.
 const FARTHEST_M: f64 = 80.0;
-/// Standard deviation of a mark's u, in pixels.
+/// Standard deviation of a mark's u, in pixels, and of paint on the ground.
 const PIXEL_STD_PX: f64 = 2.5;
+const PAINT_STD_M: f64 = 0.05;
 /// Standard deviation of c2 before anything is seen: half the curvature of a 60 m radius.
 const CURVATURE_STD: f64 = 0.5 / 60.0;
 /// A curve needs this many points, and this much length.
@@ -19,36 +21,49 @@ const DOUBTFUL: f64 = 2.0;
 const REJECTED: f64 = 5.0;
 const REWEIGHTINGS: usize = 8;
 
-/// Adds to the marks' pixels their curves on the ground.
-pub fn to_lane_marks(pixels: MarkPixels, calibration: &Calibration) -> LaneMarks {
-    let curves = std::array::from_fn(|mark| {
-        let points: Vec<_> = pixels[mark]
-            .iter()
-            .zip(&ROW_ANCHORS)
-            .filter_map(|(u_px, row)| {
-                ground_point(calibration, f64::from((*u_px)?), f64::from(row.0))
-            })
-            .filter(|point| point.x < FARTHEST_M)
-            .collect();
-        fit(&points, calibration.intrinsics.fx_px)
+/// Adds to the marks' pixels their points on the ground and their curves.
+pub fn to_lane_marks(pixels: MarkPixels, ground: &Ground, calibration: &Calibration) -> LaneMarks {
+    let points_m = pixels.each_ref().map(|mark| {
+        let rows = mark.iter().zip(&ROW_ANCHORS);
+        rows.filter_map(|(u_px, row)| {
+            ground_point(calibration, ground, f64::from((*u_px)?), f64::from(row.0))
+        })
+        .filter(|point| point.x < FARTHEST_M)
+        .collect::<Vec<_>>()
     });
-    LaneMarks { pixels, curves }
+    let curves = points_m
+        .each_ref()
+        .map(|points| fit(points, calibration.intrinsics.fx_px));
+    LaneMarks {
+        pixels,
+        points_m,
+        curves,
+    }
 }
 
 /// Where the ray through a pixel meets the ground, in the vehicle frame, in metres; `None` at or
 /// above the horizon.
-pub fn ground_point(calibration: &Calibration, u_px: f64, v_px: f64) -> Option<Vector2<f64>> {
+pub fn ground_point(
+    calibration: &Calibration,
+    ground: &Ground,
+    u_px: f64,
+    v_px: f64,
+) -> Option<Vector2<f64>> {
     let origin = calibration.vehicle_from_camera * Point3::origin();
     let ray = calibration.vehicle_from_camera * calibration.intrinsics.ray(u_px, v_px);
-    let hit = origin + ray * (-origin.z / ray.z);
-    (ray.z < 0.0 && hit.x.is_finite() && hit.y.is_finite()).then_some(hit.coords.xy())
+    Some(ground.meet(origin, ray)?.coords.xy())
+}
+
+/// Standard deviation of a mark's point across the road: that of its pixel grows with distance.
+pub fn mark_std_m(point: &Vector2<f64>, focal_px: f64) -> f64 {
+    PAINT_STD_M.hypot(PIXEL_STD_PX * point.x.max(1.0) / focal_px)
 }
 
 /// y(x) = c0 + c1 x + c2 x^2 through ground points: least squares in units of each point's
 /// standard deviation, which grows with its distance, reweighted by a Cauchy loss against points
 /// that belong to something else. The prior on c2 keeps few points from bending the curve.
 pub fn fit(points: &[Vector2<f64>], focal_px: f64) -> Option<MarkCurve> {
-    let std_m = |point: &Vector2<f64>| PIXEL_STD_PX * point.x.max(1.0) / focal_px;
+    let std_m = |point: &Vector2<f64>| mark_std_m(point, focal_px);
     let mut weights = vec![1.0; points.len()];
     let mut coefficients = Vector3::zeros();
     for _ in 0..REWEIGHTINGS {
@@ -112,7 +127,7 @@ mod tests {
     fn marks_of_a_straight_road_lie_where_they_are_painted() {
         let calibration = Calibration::kitti();
         let pixels = project(&calibration, [&|_| 8.75, &|_| 5.25, &|_| 1.75, &|_| -1.75]);
-        let marks = to_lane_marks(pixels, &calibration);
+        let marks = to_lane_marks(pixels, &Ground::FLAT, &calibration);
         for (curve, y) in marks.curves.iter().zip([8.75, 5.25, 1.75, -1.75]) {
             let curve = curve.expect("seen");
             for x in [0.0, 10.0, 40.0] {
@@ -129,7 +144,7 @@ mod tests {
         let mut pixels = project(&calibration, [&bend; 4]);
         let seen = pixels[1].iter().rposition(Option::is_some).expect("seen");
         pixels[1][seen - 4] = Some(30.0);
-        let curve = to_lane_marks(pixels, &calibration).curves[1].expect("seen");
+        let curve = to_lane_marks(pixels, &Ground::FLAT, &calibration).curves[1].expect("seen");
         for x in [8.0, 20.0, 35.0] {
             assert!((curve.y_at(x) - bend(x)).abs() < 0.15, "{curve:?} at {x}");
         }
@@ -152,7 +167,13 @@ mod tests {
     #[test]
     fn the_horizon_is_not_on_the_ground() {
         let calibration = Calibration::kitti();
-        assert_eq!(ground_point(&calibration, 600.0, 172.0), None);
-        assert_eq!(ground_point(&calibration, 600.0, f64::NAN), None);
+        assert_eq!(
+            ground_point(&calibration, &Ground::FLAT, 600.0, 172.0),
+            None
+        );
+        assert_eq!(
+            ground_point(&calibration, &Ground::FLAT, 600.0, f64::NAN),
+            None
+        );
     }
 }
