@@ -15,7 +15,7 @@ use crate::lanes::ground::mark_std_m;
 /// What is known of a road before it is seen: the standard deviation of the own place across it
 /// and of the heading along it,
 const OFFSET_STD_M: f64 = 5.0;
-const HEADING_STD_RAD: f64 = 0.1;
+const HEADING_STD_RAD: f64 = 0.05;
 /// of its mean curvature, and of how curvature changes over a node's spacing (Wiener process),
 const CURVATURE_STD_PER_M: f64 = 1.0 / 150.0;
 const CURVATURE_CHANGE_STD_PER_M: f64 = 2.5e-3 * (NODE_SPACING_M / 20.0);
