@@ -26,7 +26,7 @@ pub fn fuse(marks: &LaneMarks, detections: &[Detection3d], calibration: &Calibra
         .iter()
         .map(|detection| in_vehicle_frame(detection, calibration))
         .collect();
-    let course = LaneCourse::fit(&marks.points_m, &boxes, calibration.intrinsics.fx_px);
+    let course = LaneCourse::fit(&marks.points, &boxes);
     let percepts = detections
         .iter()
         .zip(boxes)

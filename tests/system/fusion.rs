@@ -47,10 +47,7 @@ fn lane_indices_are_counted_by_distance_and_what_is_missing_is_told() {
     let report: Value = serde_json::from_str(&text).expect("JSON");
     assert_eq!(report["command"], "eval fusion");
     let rows = report["rows"].as_array().expect("rows");
-    let of = |figure: &str| {
-        rows.iter()
-            .filter(move |row| row["figure"] == figure.to_owned())
-    };
+    let of = |figure: &'static str| rows.iter().filter(move |row| row["figure"] == figure);
     for row in rows {
         assert_eq!((&row["seed"], &row["split"]), (&2.into(), &"val".into()));
         assert_eq!(

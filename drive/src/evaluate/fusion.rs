@@ -4,8 +4,12 @@ mod figures;
 mod truth;
 
 use covista_perception::{
-    Perceiver, fusion::fuse, ground::Ground, lanes::decode::MarkPixels,
-    lanes::ground::to_lane_marks, pointpillars::nms::bev_iou,
+    Perceiver,
+    fusion::fuse,
+    ground::Ground,
+    lanes::decode::{FoundMarks, MarkPixels},
+    lanes::ground::to_lane_marks,
+    pointpillars::nms::bev_iou,
 };
 use covista_sensors::kitti::{KittiFrame, read_cloud};
 use covista_sensors::read_tusimple_line;
@@ -118,7 +122,7 @@ pub fn evaluate_fusion(
 struct Frame {
     calibration: Calibration,
     points: PointCloud,
-    found_marks: MarkPixels,
+    found_marks: FoundMarks,
     true_marks: MarkPixels,
     found_boxes: Vec<Detection3d>,
     truth: SceneTruth,
@@ -166,11 +170,11 @@ impl Frame {
         let hidden = hidden.filter(|vehicle| vehicle.lidar_points < LEAST_POINTS);
         let all: Vec<&TrueVehicle> = visible.iter().copied().chain(hidden).collect();
         let owners = owners(&self.found_boxes, &all);
-        for (marks, pixels) in [
-            (Origin::Network, &self.found_marks),
-            (Origin::Exact, &self.true_marks),
+        for (marks, found) in [
+            (Origin::Network, self.found_marks),
+            (Origin::Exact, self.true_marks.into()),
         ] {
-            let lane_marks = to_lane_marks(*pixels, &ground, &self.calibration);
+            let lane_marks = to_lane_marks(&found, &ground, &self.calibration);
             let percepts =
                 |boxes: &[Detection3d]| fuse(&lane_marks, boxes, &self.calibration).percepts;
             let exact = percepts(&exact_boxes);

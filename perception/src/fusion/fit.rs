@@ -3,19 +3,17 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use covista_world::{Detection3d, MARK_COUNT};
-use nalgebra::Vector2;
+use covista_world::{Detection3d, MARK_COUNT, MarkPoint};
 
 use super::course::{
     CURVATURE, CenterLine, HEADING, LaneCourse, NODE_SPACING_M, NODES, OFFSET, Parameters, Square,
     WIDTH, basis, mark_lanes,
 };
-use crate::lanes::ground::mark_std_m;
 
 /// What is known of a road before it is seen: the standard deviation of the own place across it
 /// and of the heading along it,
 const OFFSET_STD_M: f64 = 5.0;
-const HEADING_STD_RAD: f64 = 0.05;
+const HEADING_STD_RAD: f64 = 0.03;
 /// of its mean curvature, and of how curvature changes over a node's spacing (Wiener process),
 const CURVATURE_STD_PER_M: f64 = 1.0 / 150.0;
 const CURVATURE_CHANGE_STD_PER_M: f64 = 2.5e-3 * (NODE_SPACING_M / 20.0);
@@ -43,33 +41,28 @@ struct Residual {
 }
 
 impl LaneCourse {
-    /// The course that the marks' ground points lie on and the boxes, both in the vehicle frame,
-    /// point along; `None` where there are too few points.
+    /// The course that the marks' points lie on and the boxes, in the vehicle frame, point along; `None` where there are too few points.
     ///
     /// Gauss-Newton on one Cauchy-weighted sum of squares: the distance of each point from its mark,
     /// the angle of each box to the line (whichever way it drives), and the prior. The inverse of
     /// its normal matrix is the covariance.
-    pub fn fit(
-        points_m: &[Vec<Vector2<f64>>; MARK_COUNT],
-        boxes: &[Detection3d],
-        focal_px: f64,
-    ) -> Option<Self> {
+    pub fn fit(points: &[Vec<MarkPoint>; MARK_COUNT], boxes: &[Detection3d]) -> Option<Self> {
         let prior = prior_information();
         let expected = LANE_WIDTH_M * basis(WIDTH);
-        let mut parameters = expected + first_offset_m(points_m)? * basis(OFFSET);
+        let mut parameters = expected + first_offset_m(points)? * basis(OFFSET);
         let mut covariance = Square::zeros();
         for iteration in 0..ITERATIONS {
             let line = CenterLine::new(&parameters);
             let width_m = parameters[WIDTH];
-            let on_marks = points_m.iter().enumerate().flat_map(|(mark, points)| {
+            let on_marks = points.iter().enumerate().flat_map(|(mark, points)| {
                 let lanes = mark_lanes(mark);
                 let line = &line;
                 points.iter().map(move |point| {
-                    let beside = line.beside(*point);
+                    let beside = line.beside(point.position_m);
                     Residual {
                         off: beside.d_m - lanes * width_m,
                         by: beside.d_by - lanes * basis(WIDTH),
-                        std: mark_std_m(point, focal_px),
+                        std: point.std_m,
                     }
                 })
             });
@@ -123,15 +116,18 @@ fn prior_information() -> Square {
 
 /// Where the centre line passes the vehicle if it is straight: the median of the nearer half of
 /// the points.
-fn first_offset_m(points_m: &[Vec<Vector2<f64>>; MARK_COUNT]) -> Option<f64> {
-    let mut offsets: Vec<[f64; 2]> = points_m
+fn first_offset_m(points: &[Vec<MarkPoint>; MARK_COUNT]) -> Option<f64> {
+    let mut offsets: Vec<[f64; 2]> = points
         .iter()
         .enumerate()
         .flat_map(|(mark, points)| {
             let lanes = mark_lanes(mark);
-            points
-                .iter()
-                .map(move |point| [point.x, point.y - lanes * LANE_WIDTH_M])
+            points.iter().map(move |point| {
+                [
+                    point.position_m.x,
+                    point.position_m.y - lanes * LANE_WIDTH_M,
+                ]
+            })
         })
         .collect();
     if offsets.len() < FEWEST_POINTS {

@@ -1,15 +1,22 @@
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
-use covista_world::{LaneIndex, MARK_COUNT, ObjectClass, ROW_ANCHORS};
+use covista_world::{LaneIndex, MARK_COUNT, MarkPoint, ObjectClass, ROW_ANCHORS};
 use nalgebra::Vector2;
 use proptest::prelude::*;
 
 use super::*;
 
-const FOCAL_PX: f64 = 721.5;
 const RADIUS_M: f64 = 80.0;
 
-type MarkPoints = [Vec<Vector2<f64>>; MARK_COUNT];
+type MarkPoints = [Vec<MarkPoint>; MARK_COUNT];
+
+/// A point as a network that is sure of itself sees it.
+fn mark_point(position_m: Vector2<f64>) -> MarkPoint {
+    MarkPoint {
+        position_m,
+        std_m: f64::hypot(0.05, position_m.x.abs().max(1.0) / 290.0),
+    }
+}
 
 /// A point of a left-hand bend, `d_m` to the left of the middle lane's centre, where the own
 /// vehicle is.
@@ -28,7 +35,7 @@ fn marks(road: impl Fn(f64, f64) -> Vector2<f64>, known: [bool; MARK_COUNT]) -> 
     std::array::from_fn(|mark| {
         let points =
             (0..12).map(|step| road(7.0 + 3.0 * f64::from(step), 5.25 - 3.5 * mark as f64));
-        points.filter(|_| known[mark]).collect()
+        points.filter(|_| known[mark]).map(mark_point).collect()
     })
 }
 
@@ -43,7 +50,7 @@ fn vehicle(at: Vector2<f64>, yaw_rad: f64) -> Detection3d {
 }
 
 fn course(points: &MarkPoints, boxes: &[Detection3d]) -> LaneCourse {
-    LaneCourse::fit(points, boxes, FOCAL_PX).expect("a course")
+    LaneCourse::fit(points, boxes).expect("a course")
 }
 
 #[test]
@@ -82,7 +89,7 @@ fn a_lost_mark_does_not_lose_its_lanes() {
 fn an_outlying_mark_is_outvoted() {
     let mut points = marks(straight, [true; MARK_COUNT]);
     for point in &mut points[3] {
-        point.y += 3.0;
+        point.position_m.y += 3.0;
     }
     let found = course(&points, &[]).locate(Vector2::new(30.0, -3.5));
     assert_eq!(found.lane, LaneIndex::RIGHTMOST);
@@ -120,17 +127,17 @@ fn vehicles_behind_show_how_the_road_bends_there() {
 
 #[test]
 fn too_few_marks_are_no_course() {
-    assert_eq!(LaneCourse::fit(&MarkPoints::default(), &[], FOCAL_PX), None);
+    assert_eq!(LaneCourse::fit(&MarkPoints::default(), &[]), None);
     let mut points = MarkPoints::default();
-    points[1].extend([7.0, 8.0, 9.0].map(|x| Vector2::new(x, 1.75)));
+    points[1].extend([7.0, 8.0, 9.0].map(|x| mark_point(Vector2::new(x, 1.75))));
     let car = vehicle(Vector2::new(20.0, 0.0), 0.0);
-    assert_eq!(LaneCourse::fit(&points, &[car], FOCAL_PX), None);
+    assert_eq!(LaneCourse::fit(&points, &[car]), None);
 }
 
-fn lane_marks(points_m: MarkPoints) -> LaneMarks {
+fn lane_marks(points: MarkPoints) -> LaneMarks {
     LaneMarks {
         pixels: [[None; ROW_ANCHORS.len()]; MARK_COUNT],
-        points_m,
+        points,
         curves: [None; MARK_COUNT],
     }
 }
@@ -190,7 +197,10 @@ proptest! {
         };
         let mirror = |point: Vector2<f64>| Vector2::new(point.x, -point.y);
         let points = marks(road, [true; MARK_COUNT]);
-        let mut mirrored = points.clone().map(|line| line.into_iter().map(mirror).collect());
+        let mut mirrored = points.clone().map(|line| {
+            let mirrored = line.iter().map(|point| mark_point(mirror(point.position_m)));
+            mirrored.collect::<Vec<_>>()
+        });
         mirrored.reverse();
         let place = road(along, across);
         let [here, there] = [
@@ -210,10 +220,10 @@ proptest! {
     ) {
         let mut points = MarkPoints::default();
         for (index, pair) in numbers.chunks_exact(2).enumerate() {
-            points[index % MARK_COUNT].push(Vector2::new(pair[0], pair[1]));
+            points[index % MARK_COUNT].push(mark_point(Vector2::new(pair[0], pair[1])));
         }
-        let boxes: Vec<_> = points[0].iter().map(|at| vehicle(*at, yaw)).collect();
-        if let Some(course) = LaneCourse::fit(&points, &boxes, FOCAL_PX) {
+        let boxes: Vec<_> = points[0].iter().map(|at| vehicle(at.position_m, yaw)).collect();
+        if let Some(course) = LaneCourse::fit(&points, &boxes) {
             let found = course.locate(Vector2::new(3.0, 1.0));
             prop_assert!((-1e-9..=1.0 + 1e-9).contains(&found.probability));
         }

@@ -35,7 +35,7 @@ fn the_surest_box_takes_the_vehicle_that_it_overlaps_most() {
     assert_eq!(found, [Some(1), Some(0), None]);
 }
 
-/// A frame of a straight road seen from the middle lane; the networks see its right half only.
+/// A frame of a straight road seen from the middle lane, of which the lane network sees nothing.
 fn frame() -> Frame {
     let calibration = Calibration::kitti();
     let camera = calibration.intrinsics;
@@ -50,7 +50,7 @@ fn frame() -> Frame {
     Frame {
         calibration,
         points: PointCloud::default(),
-        found_marks: [[None; covista_world::ROW_ANCHORS.len()]; 4],
+        found_marks: [[None; covista_world::ROW_ANCHORS.len()]; 4].into(),
         true_marks,
         found_boxes: vec![body(20.1, 0.1, 0.0, 0.9), body(25.0, -3.5, 0.0, 0.4)],
         truth: SceneTruth {
