@@ -106,6 +106,7 @@ fn geometry_rows(figures: &FusionEvaluation) -> Vec<Vec<String>> {
         "distance, m",
         "observation angle, deg",
         "rotation, deg",
+        "reversed, %",
     ];
     let rows = figures.geometry.iter().map(|row| {
         let pair = |median, p95, digits| {
@@ -121,6 +122,7 @@ fn geometry_rows(figures: &FusionEvaluation) -> Vec<Vec<String>> {
                 1,
             ),
             pair(row.median_rotation_y_deg, row.p95_rotation_y_deg, 1),
+            optional(row.reversed, 1),
         ]
     });
     std::iter::once(header.map(str::to_owned).to_vec())

@@ -143,3 +143,34 @@ fn the_road_is_bent_where_a_vehicle_points_away() {
     frame.true_marks[2] = [None; covista_world::ROW_ANCHORS.len()];
     assert_eq!(road(&frame, 4.0), Road::Unmarked);
 }
+
+#[test]
+fn a_vehicle_seen_from_the_wrong_end_is_reversed_and_no_angle_error() {
+    let deviation = |true_distance_m, rotation_deg: f64| Deviation {
+        true_distance_m,
+        distance_m: -0.2,
+        observation_angle_rad: rotation_deg.to_radians(),
+        rotation_y_rad: rotation_deg.to_radians(),
+    };
+    let seen = [
+        deviation(5.0, 2.0),
+        deviation(45.0, -178.0),
+        deviation(8.0, -4.0),
+        deviation(9.0, 3.0),
+    ];
+    let figures = FusionEvaluation::new(None, &[], &seen);
+    let near = &figures.geometry[0];
+    assert_eq!(near.vehicles, 4);
+    let is = |value: Option<f64>, expected: f64| {
+        assert!(
+            (value.expect("a value") - expected).abs() < 1e-9,
+            "{value:?}"
+        );
+    };
+    is(near.reversed, 25.0);
+    is(near.median_rotation_y_deg, 3.0);
+    is(near.p95_observation_angle_deg, 4.0);
+    is(near.median_distance_m, 0.2);
+    is(figures.geometry[5].reversed, 100.0);
+    assert_eq!(figures.geometry[5].median_rotation_y_deg, None);
+}
