@@ -1,6 +1,7 @@
 //! The fusion on frames of a data set: which lane each vehicle is put into, against the truth.
 
 mod figures;
+mod geometry;
 mod truth;
 
 use covista_perception::{
@@ -15,8 +16,10 @@ use covista_sensors::kitti::{KittiFrame, read_cloud};
 use covista_sensors::read_tusimple_line;
 use covista_world::{Calibration, Detection3d, LaneIndex, Percept, PointCloud, wrap_angle};
 
-pub use figures::{FusionEvaluation, FusionFigures, GeometryErrors, LaneIndexFigures, Reliability};
+pub use figures::{FusionEvaluation, FusionFigures, LaneIndexFigures, Reliability};
+pub use geometry::GeometryErrors;
 
+use self::geometry::Deviation;
 use self::truth::{SceneTruth, TrueVehicle, read_scene};
 use super::{EvaluateError, Evaluated, Progress, file_of};
 use crate::recorded::{FittedPicture, calibration_of, with_files};
@@ -75,15 +78,6 @@ enum Road {
 struct Found {
     lane: Option<LaneIndex>,
     probability: f64,
-}
-
-/// How far a percept's numbers are from those of the labels.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Deviation {
-    true_distance_m: f64,
-    distance_m: f64,
-    observation_angle_rad: f64,
-    rotation_y_rad: f64,
 }
 
 /// Runs both networks and the fusion on the frames that have all that is needed, once as they are

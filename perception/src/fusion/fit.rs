@@ -6,17 +6,17 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use covista_world::{Detection3d, MARK_COUNT, MarkPoint};
 
 use super::course::{
-    CURVATURE, CenterLine, HEADING, LaneCourse, NODE_SPACING_M, NODES, OFFSET, Parameters, Square,
-    WIDTH, basis, mark_lanes,
+    CURVATURE, CenterLine, HEADING, LaneCourse, NODES, OFFSET, Parameters, Square, WIDTH, basis,
+    mark_lanes,
 };
 
 /// What is known of a road before it is seen: the standard deviation of the own place across it
 /// and of the heading along it,
 const OFFSET_STD_M: f64 = 5.0;
 const HEADING_STD_RAD: f64 = 0.03;
-/// of its mean curvature, and of how curvature changes over a node's spacing (Wiener process),
+/// of its mean curvature, and of how curvature changes from node to node,
 const CURVATURE_STD_PER_M: f64 = 1.0 / 150.0;
-const CURVATURE_CHANGE_STD_PER_M: f64 = 2.5e-3 * (NODE_SPACING_M / 20.0);
+const CURVATURE_CHANGE_STD_PER_M: f64 = 2.5e-3;
 /// and of the width of a lane.
 const LANE_WIDTH_M: f64 = 3.4;
 const LANE_WIDTH_STD_M: f64 = 0.3;
@@ -41,7 +41,8 @@ struct Residual {
 }
 
 impl LaneCourse {
-    /// The course that the marks' points lie on and the boxes, in the vehicle frame, point along; `None` where there are too few points.
+    /// The course that the marks' points lie on and the boxes, in the vehicle frame, point along;
+    /// `None` where there are too few points.
     ///
     /// Gauss-Newton on one Cauchy-weighted sum of squares: the distance of each point from its mark,
     /// the angle of each box to the line (whichever way it drives), and the prior. The inverse of
