@@ -144,6 +144,22 @@ pub enum EvalWhat {
     Lanes(RecordedArgs),
     /// Average precision of the detector
     Detector(RecordedArgs),
+    /// Lane indices of vehicles, by distance, on curves and straights
+    Fusion(FusionArgs),
+}
+
+/// Frames with their truth to measure the fusion on.
+#[derive(Debug, Args)]
+pub struct FusionArgs {
+    /// Folder that `covista dataset` wrote, with `scenes`
+    #[arg(long, value_name = "DIR")]
+    pub data: PathBuf,
+    /// Folder of the networks
+    #[arg(long, value_name = "DIR")]
+    pub models: Option<PathBuf>,
+    /// Write the rows as JSON
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
 }
 
 /// Recorded frames to measure networks on.

@@ -109,7 +109,7 @@ impl Seen {
         };
         if let Some(picture) = FittedPicture::read(frame, perceiver.image_size_px())? {
             let began = Instant::now();
-            let pixels = perceiver.find_marks(&picture.image)?;
+            let pixels = perceiver.find_marks(&picture.image)?.pixels;
             seen.lanes_ms = Some(1e3 * began.elapsed().as_secs_f64());
             let in_file = |points: Vec<[f64; 2]>| {
                 let points = points.into_iter();

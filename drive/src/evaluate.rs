@@ -1,6 +1,7 @@
 //! The networks on recorded frames with labels.
 
 mod detector;
+mod fusion;
 mod lanes;
 
 use std::path::{Path, PathBuf};
@@ -9,6 +10,10 @@ use covista_perception::PerceiveError;
 use covista_sensors::kitti::KittiError;
 
 pub use detector::{ClassEvaluation, DetectorEvaluation, evaluate_detector};
+pub use fusion::{
+    FusionEvaluation, FusionFigures, GeometryErrors, LaneIndexFigures, Origin, Reliability,
+    evaluate_fusion,
+};
 pub use lanes::{LaneEvaluation, evaluate_lanes};
 
 use crate::recorded::{Lacking, RecordedError};

@@ -25,8 +25,9 @@ pub use cause::Cause;
 pub use covista_control::ControlSettings;
 pub use covista_traffic::{Material, Scenario, Traffic, VehicleKind};
 pub use evaluate::{
-    ClassEvaluation, DetectorEvaluation, EvaluateError, Evaluated, LaneEvaluation, Progress,
-    evaluate_detector, evaluate_lanes,
+    ClassEvaluation, DetectorEvaluation, EvaluateError, Evaluated, FusionEvaluation, FusionFigures,
+    GeometryErrors, LaneEvaluation, LaneIndexFigures, Origin, Progress, Reliability,
+    evaluate_detector, evaluate_fusion, evaluate_lanes,
 };
 pub use monitor::{CavView, Monitor, TrueBarriers};
 pub use recorded::{FittedPicture, Lacking, RecordedError, calibration_of};

@@ -127,12 +127,14 @@ fn exact(view: &Viewpoint<'_>) -> Sensed {
             let from_sensor = in_lidar.center_m;
             let bearing_rad = from_sensor.y.atan2(from_sensor.x);
             let rotation_y_rad = wrap_angle(-in_lidar.yaw_rad - std::f64::consts::FRAC_PI_2);
+            let lane = road.lane_at(road.to_frenet(world).d_m);
             Percept {
                 detection: Detection3d {
                     center_m: center.coords,
                     ..in_lidar
                 },
-                lane: road.lane_at(road.to_frenet(world).d_m),
+                lane,
+                lane_probability: f64::from(u8::from(lane.is_some())),
                 distance_m: from_sensor.xy().norm(),
                 observation_angle_rad: wrap_angle(rotation_y_rad + bearing_rad),
                 rotation_y_rad,

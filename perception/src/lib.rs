@@ -2,7 +2,7 @@
 //!
 //! The camera's image goes through a UFLD row-anchor network to [`lanes`], the LIDAR's sweep
 //! through PointPillars to boxes ([`pointpillars`]) and to the range that is confirmed free
-//! ([`free_space`]); [`fusion`] puts the boxes into lanes. [`Perceiver`] does it all for one
+//! ([`free_space`]); [`fusion`] puts the boxes into lanes on the [`ground`] that the sweep shows. [`Perceiver`] does it all for one
 //! frame. The networks are ONNX files, each described by a [`ModelCard`], and run in
 //! [`OnnxRuntime`], which is found on the machine or fetched once.
 //!
@@ -12,6 +12,7 @@
 mod card;
 pub mod free_space;
 pub mod fusion;
+pub mod ground;
 pub mod lanes;
 pub mod metrics;
 mod models;

@@ -10,9 +10,11 @@ use covista_world::{
 
 use crate::card::{CardError, ModelCard, Network, UfldSpec};
 use crate::free_space::free_space;
-use crate::fusion::fuse;
-use crate::lanes::decode::MarkPixels;
-use crate::lanes::{decode, ground, network::LaneNetwork, preprocess::Resize};
+use crate::fusion::{LaneCourse, fuse};
+use crate::ground::Ground;
+use crate::lanes::decode::FoundMarks;
+use crate::lanes::ground::to_lane_marks;
+use crate::lanes::{decode, network::LaneNetwork, preprocess::Resize};
 use crate::models::{DETECTOR_MODEL, LANE_MODEL, ModelError};
 use crate::pointpillars::{decode::BoxDecoder, network::DetectorNetwork, preprocess::PillarGrid};
 use crate::runtime::{OnnxRuntime, one_line};
@@ -49,6 +51,8 @@ pub enum PerceiveError {
 pub struct FramePercepts {
     /// The lane marks in the image and on the ground.
     pub marks: LaneMarks,
+    /// Where the lanes run; `None` where too little of their marks is seen.
+    pub course: Option<LaneCourse>,
     /// The vehicles, the surest first.
     pub percepts: Vec<Percept>,
     /// How far the way is seen free.
@@ -135,7 +139,7 @@ impl Perceiver {
     ///
     /// # Errors
     /// The image is not valid or of another size, or ONNX Runtime fails.
-    pub fn find_marks(&mut self, image: &CameraImage) -> Result<MarkPixels, PerceiveError> {
+    pub fn find_marks(&mut self, image: &CameraImage) -> Result<FoundMarks, PerceiveError> {
         self.lanes.check(image)?;
         self.lanes.run(image).map_err(failed(LANE_MODEL))
     }
@@ -165,28 +169,30 @@ impl Perceiver {
         } = self;
         let mut lanes = || timed(|| lanes.run(&frame.image));
         let mut detector = || timed(|| detector.run(&frame.points));
-        let ((pixels, lanes_s), (detections, detector_s)) = if self.side_by_side {
+        let ((found, lanes_s), (detections, detector_s)) = if self.side_by_side {
             std::thread::scope(|scope| {
                 let lanes = scope.spawn(lanes);
                 let detections = detector();
-                let pixels = lanes
+                let found = lanes
                     .join()
                     .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
-                (pixels, detections)
+                (found, detections)
             })
         } else {
             (lanes(), detector())
         };
-        let pixels = pixels.map_err(failed(LANE_MODEL))?;
+        let found = found.map_err(failed(LANE_MODEL))?;
         let detections = detections.map_err(failed(DETECTOR_MODEL))?;
-        let ((marks, percepts, free_space), fusion_s) = timed(|| {
-            let marks = ground::to_lane_marks(pixels, calibration);
-            let percepts = fuse(&marks, &detections, calibration);
-            (marks, percepts, free_space(&frame.points, calibration))
+        let ((marks, fused, free_space), fusion_s) = timed(|| {
+            let ground = Ground::fit(&frame.points, calibration);
+            let marks = to_lane_marks(&found, &ground, calibration);
+            let fused = fuse(&marks, &detections, calibration);
+            (marks, fused, free_space(&frame.points, calibration))
         });
         Ok(FramePercepts {
             marks,
-            percepts,
+            course: fused.course,
+            percepts: fused.percepts,
             free_space,
             timings: StageTimes {
                 lanes_s,
@@ -230,7 +236,7 @@ impl LaneStage {
         }
     }
 
-    fn run(&mut self, image: &CameraImage) -> ort::Result<MarkPixels> {
+    fn run(&mut self, image: &CameraImage) -> ort::Result<FoundMarks> {
         let UfldSpec {
             grid_cells,
             image_width_px,

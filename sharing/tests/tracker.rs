@@ -36,6 +36,7 @@ fn percept(pose: Se2Pose, center: Vector2<f64>, lane: Option<LaneIndex>) -> Perc
             score: 0.7,
         },
         lane,
+        lane_probability: 1.0,
         distance_m: local.norm(),
         observation_angle_rad: 0.0,
         rotation_y_rad: 0.0,

@@ -49,7 +49,7 @@ fn print_marks(frame: &KittiFrame, perceiver: &mut Perceiver) -> anyhow::Result<
     let Some(picture) = FittedPicture::read(frame, perceiver.image_size_px())? else {
         bail!("the lane network needs a picture: name a .png or .jpg");
     };
-    let marks = perceiver.find_marks(&picture.image)?;
+    let marks = perceiver.find_marks(&picture.image)?.pixels;
     let mut rows = vec![Vec::new()];
     rows[0].extend((0..marks.len()).map(|mark| format!("mark_{mark}_px")));
     for (index, anchor) in ROW_ANCHORS.iter().enumerate() {

@@ -40,7 +40,7 @@ pub fn evaluate_lanes(
             std::fs::read_to_string(labels).map_err(|error| EvaluateError::file(labels, error))?;
         let truth = read_tusimple_line(&text, |pixel| picture.in_network(pixel))
             .map_err(|reason| EvaluateError::file(labels, reason))?;
-        let found = perceiver.find_marks(&picture.image)?;
+        let found = perceiver.find_marks(&picture.image)?.pixels;
         if let Some(accuracy) = lane_accuracy(&found, &truth) {
             sums[0] += accuracy.tusimple;
             sums[1] += accuracy.ufld;
