@@ -1,5 +1,6 @@
-//! `covista eval`: how good the networks are.
+//! `covista eval`: how good the networks are, and what sharing adds.
 
+mod cooperative;
 mod detector;
 mod lanes;
 
@@ -29,6 +30,7 @@ pub fn run(args: &EvalArgs) -> anyhow::Result<()> {
     match &args.what {
         EvalWhat::Lanes(args) => lanes::run(args),
         EvalWhat::Detector(args) => detector::run(args),
+        EvalWhat::Cooperative(args) => cooperative::run(args),
     }
 }
 

@@ -23,14 +23,18 @@ mod truth;
 
 pub use cause::Cause;
 pub use covista_control::ControlSettings;
+pub use covista_sharing::{ChannelSettings, PoseNoise};
 pub use covista_traffic::{Material, Scenario, Traffic, VehicleKind};
 pub use evaluate::{
-    ClassEvaluation, DetectorEvaluation, EvaluateError, Evaluated, LaneEvaluation, Progress,
+    ClassEvaluation, CooperativeEvaluation, CooperativeRuns, DetectorEvaluation, EvaluateError,
+    Evaluated, KnownVehicles, LaneEvaluation, Progress, SharingCondition, evaluate_cooperative,
     evaluate_detector, evaluate_lanes,
 };
 pub use monitor::{CavView, Monitor, TrueBarriers};
 pub use recorded::{FittedPicture, Lacking, RecordedError, calibration_of};
-pub use run::{FocusSnapshot, Observe, RecordError, RunConfig, RunError, Snapshot, run};
+pub use run::{
+    CavSnapshot, FocusSnapshot, Observe, RecordError, RunConfig, RunError, Snapshot, run,
+};
 pub use senses::Senses;
 pub use summary::{CavSummary, RunSummary, StageWallTimes};
 pub use trace::{TRACE_HEADER, TraceRow};

@@ -4,6 +4,7 @@
 //! - `demo`: the obstacle-at-corner demo through the binary;
 //! - `dataset`: data sets written, stopped and read, recorded frames, and bad ones;
 //! - `bench`: the benchmarks, their table and rows;
+//! - `cooperative`: what CAVs know alone and with sharing, on exact percepts;
 //! - `errors`: bad input, one clear line and exit code 2.
 
 #![allow(
@@ -14,6 +15,7 @@
 
 mod bench;
 mod binary;
+mod cooperative;
 mod dataset;
 mod demo;
 mod errors;
