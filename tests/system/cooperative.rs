@@ -43,17 +43,17 @@ fn number(row: &Value, set: &str, field: &str) -> f64 {
 
 #[test]
 fn sharing_shows_what_is_hidden_and_noise_costs_precision() {
-    let arguments = ["obstacle-at-corner", "--seeds", "1", "--duration", "8"];
+    let arguments = ["obstacle-at-corner", "--seeds", "1", "--duration", "14"];
     let (table, rows) = evaluate(&arguments);
     assert!(table.contains("hidden from the ego"), "{table}");
     assert!(rows.iter().map(|row| &row["sharing"]).eq(&CONDITIONS));
     let [alone, ideal, late, noisy, both] = &rows[..] else {
         panic!("{rows:?}");
     };
-    // Six CAVs, a frame every 0.4 s for 8 s.
+    // Six CAVs, a frame every 0.4 s for 14 s.
     assert!(
         rows.iter()
-            .all(|row| row["frames"] == 120 && row["seed"] == 1000)
+            .all(|row| row["frames"] == 210 && row["seed"] == 1000)
     );
     assert_eq!(alone["channel"], Value::Null);
     assert_eq!(both["channel"]["latency_s"], 0.1);
@@ -115,7 +115,7 @@ fn bad_arguments_are_told_in_one_line() {
     };
     refused(&["no-such-scene"], &["no-such-scene", "mixed-traffic"]);
     refused(&["--seeds", "0"], &["--seeds 0", "at least 1"]);
-    refused(&["--duration", "-1"], &["--duration", "out of range"]);
+    refused(&["--duration", "0"], &["--duration", "out of range"]);
     refused(&["--json", "/nowhere/x.json"], &["/nowhere/x.json"]);
 
     let folder = tempfile::tempdir().expect("a folder");
