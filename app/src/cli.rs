@@ -146,6 +146,8 @@ pub enum EvalWhat {
     Detector(RecordedArgs),
     /// Lane indices of vehicles, by distance, on curves and straights
     Fusion(FusionArgs),
+    /// What each CAV of a scenario knows of the vehicles within 100 m, alone and with sharing
+    Cooperative(CooperativeArgs),
 }
 
 /// Frames with their truth to measure the fusion on.
@@ -154,6 +156,31 @@ pub struct FusionArgs {
     /// Folder that `covista dataset` wrote, with `scenes`
     #[arg(long, value_name = "DIR")]
     pub data: PathBuf,
+    /// Folder of the networks
+    #[arg(long, value_name = "DIR")]
+    pub models: Option<PathBuf>,
+    /// Write the rows as JSON
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub struct CooperativeArgs {
+    /// Built-in scenarios or TOML files
+    #[arg(value_name = "SCENARIO", default_values = ["obstacle-at-corner", "mixed-traffic"])]
+    pub scenarios: Vec<String>,
+    /// Where percepts come from
+    #[arg(long, value_enum, default_value = "network")]
+    pub perception: PerceptionArg,
+    /// Runs of each scenario, with as many seeds
+    #[arg(long, value_name = "N", default_value_t = 2)]
+    pub seeds: u64,
+    /// The first seed
+    #[arg(long, default_value_t = 1000)]
+    pub seed: u64,
+    /// Simulated seconds of a run, instead of the scenario's
+    #[arg(long, value_name = "S")]
+    pub duration: Option<f64>,
     /// Folder of the networks
     #[arg(long, value_name = "DIR")]
     pub models: Option<PathBuf>,

@@ -2,8 +2,8 @@ use std::{collections::BTreeMap, path::Path, time::Duration};
 
 use anyhow::bail;
 use covista_drive::{
-    ControlSettings, RunConfig, RunSummary, Scenario, Senses, Snapshot, TRACE_HEADER, VehicleKind,
-    run,
+    ChannelSettings, ControlSettings, RunConfig, RunSummary, Scenario, Senses, Snapshot,
+    TRACE_HEADER, VehicleKind, run,
 };
 use covista_perception::{OnnxRuntime, Perceiver};
 use covista_viewer::{open_viewer, plot_speeds, plot_trajectories};
@@ -39,10 +39,7 @@ pub fn run_demo(args: &DemoArgs) -> anyhow::Result<()> {
         bail!("--calibration is for recorded frames; a scenario has its own sensors");
     }
     let scenario = load_scenario(&args.scenario)?;
-    let duration_s = args.duration.unwrap_or(scenario.duration_s);
-    if !(0.01..=100_000.0).contains(&duration_s) {
-        bail!("--duration {duration_s:e} is out of range; take 0.01 to 100000 seconds");
-    }
+    let duration_s = duration_s(args.duration, &scenario)?;
     let is_folder_name = !scenario.name.is_empty()
         && scenario
             .name
@@ -67,11 +64,7 @@ pub fn run_demo(args: &DemoArgs) -> anyhow::Result<()> {
     if let Some(trace) = &args.trace {
         prepare_file(trace)?;
     }
-    let cavs = scenario
-        .vehicles
-        .iter()
-        .filter(|vehicle| vehicle.kind == VehicleKind::Cav);
-    let (mut senses, models) = senses(args, cavs.count())?;
+    let (mut senses, models) = senses(args.perception, args.models.as_deref(), cavs_of(&scenario))?;
     let sharings: &[bool] = match args.sharing {
         SharingArg::On => &[true],
         SharingArg::Off => &[false],
@@ -86,6 +79,7 @@ pub fn run_demo(args: &DemoArgs) -> anyhow::Result<()> {
             scenario: scenario.clone(),
             seed: args.seed,
             sharing,
+            channel: ChannelSettings::default(),
             duration_s,
             control: ControlSettings::default(),
         };
@@ -120,10 +114,7 @@ pub fn run_demo(args: &DemoArgs) -> anyhow::Result<()> {
             version: env!("CARGO_PKG_VERSION"),
             scenario: &scenario.name,
             seed: args.seed,
-            perception: match args.perception {
-                PerceptionArg::Network => "network",
-                PerceptionArg::Truth => "truth",
-            },
+            perception: perception_name(args.perception),
             settings: ControlSettings::default(),
             models,
             runs: &runs,
@@ -137,7 +128,8 @@ pub fn run_demo(args: &DemoArgs) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn load_scenario(name: &str) -> anyhow::Result<Scenario> {
+/// The scenario of a built-in name or a TOML file.
+pub fn load_scenario(name: &str) -> anyhow::Result<Scenario> {
     let path = Path::new(name);
     if path
         .extension()
@@ -149,12 +141,39 @@ fn load_scenario(name: &str) -> anyhow::Result<Scenario> {
     }
 }
 
+/// How long a run lasts.
+pub fn duration_s(named: Option<f64>, scenario: &Scenario) -> anyhow::Result<f64> {
+    let duration_s = named.unwrap_or(scenario.duration_s);
+    if !(0.01..=100_000.0).contains(&duration_s) {
+        bail!("--duration {duration_s:e} is out of range; take 0.01 to 100000 seconds");
+    }
+    Ok(duration_s)
+}
+
+/// How many CAVs drive in a scenario.
+pub fn cavs_of(scenario: &Scenario) -> usize {
+    let kinds = scenario.vehicles.iter().map(|vehicle| vehicle.kind);
+    kinds.filter(|&kind| kind == VehicleKind::Cav).count()
+}
+
+/// Perception as files name it.
+pub fn perception_name(perception: PerceptionArg) -> &'static str {
+    match perception {
+        PerceptionArg::Network => "network",
+        PerceptionArg::Truth => "truth",
+    }
+}
+
 /// Where percepts come from, and the hashes of the networks in use.
-fn senses(args: &DemoArgs, cavs: usize) -> anyhow::Result<(Senses, BTreeMap<String, String>)> {
-    if args.perception == PerceptionArg::Truth {
+pub fn senses(
+    perception: PerceptionArg,
+    models: Option<&Path>,
+    cavs: usize,
+) -> anyhow::Result<(Senses, BTreeMap<String, String>)> {
+    if perception == PerceptionArg::Truth {
         return Ok((Senses::Truth, BTreeMap::new()));
     }
-    let folder = models_folder(args.models.as_deref());
+    let folder = models_folder(models);
     let runtime = OnnxRuntime::acquire(&|message| eprintln!("covista: {message}"))?;
     let threads = std::thread::available_parallelism().map_or(1, Into::into);
     // One pair of networks a thread; more than CAVs would idle.

@@ -1,5 +1,6 @@
-//! `covista eval`: how good the networks are.
+//! `covista eval`: how good the networks are, and what sharing adds.
 
+mod cooperative;
 mod detector;
 mod fusion;
 mod lanes;
@@ -31,6 +32,7 @@ pub fn run(args: &EvalArgs) -> anyhow::Result<()> {
         EvalWhat::Lanes(args) => lanes::run(args),
         EvalWhat::Detector(args) => detector::run(args),
         EvalWhat::Fusion(args) => fusion::run(args),
+        EvalWhat::Cooperative(args) => cooperative::run(args),
     }
 }
 

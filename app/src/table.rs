@@ -95,7 +95,7 @@ fn row(name: &str, runs: &[RunSummary], cell: impl Fn(&RunSummary) -> String) ->
         .collect()
 }
 
-/// A number with so many digits, or `-`.
+/// A number, or a dash where there is none.
 pub fn optional(value: Option<f64>, digits: usize) -> String {
     value.map_or_else(|| "-".into(), |value| format!("{value:.digits$}"))
 }

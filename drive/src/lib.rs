@@ -23,15 +23,19 @@ mod truth;
 
 pub use cause::Cause;
 pub use covista_control::ControlSettings;
+pub use covista_sharing::{ChannelSettings, PoseNoise};
 pub use covista_traffic::{Material, Scenario, Traffic, VehicleKind};
 pub use evaluate::{
-    ClassEvaluation, DetectorEvaluation, EvaluateError, Evaluated, FusionEvaluation, FusionFigures,
-    GeometryErrors, LaneEvaluation, LaneIndexFigures, Origin, Progress, Reliability,
+    ClassEvaluation, CooperativeEvaluation, CooperativeRuns, DetectorEvaluation, EvaluateError,
+    Evaluated, FusionEvaluation, FusionFigures, GeometryErrors, KnownVehicles, LaneEvaluation,
+    LaneIndexFigures, Origin, Progress, Reliability, SharingCondition, evaluate_cooperative,
     evaluate_detector, evaluate_fusion, evaluate_lanes,
 };
 pub use monitor::{CavView, Monitor, TrueBarriers};
 pub use recorded::{FittedPicture, Lacking, RecordedError, calibration_of};
-pub use run::{FocusSnapshot, Observe, RecordError, RunConfig, RunError, Snapshot, run};
+pub use run::{
+    CavSnapshot, FocusSnapshot, Observe, RecordError, RunConfig, RunError, Snapshot, run,
+};
 pub use senses::Senses;
 pub use summary::{CavSummary, RunSummary, StageWallTimes};
 pub use trace::{TRACE_HEADER, TraceRow};

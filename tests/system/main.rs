@@ -5,6 +5,7 @@
 //! - `dataset`: data sets written, stopped and read, recorded frames, and bad ones;
 //! - `fusion`: the lanes of vehicles, measured on a data set with its truth;
 //! - `bench`: the benchmarks, their table and rows;
+//! - `cooperative`: what CAVs know alone and with sharing, on exact percepts;
 //! - `errors`: bad input, one clear line and exit code 2.
 
 #![allow(
@@ -15,6 +16,7 @@
 
 mod bench;
 mod binary;
+mod cooperative;
 mod dataset;
 mod demo;
 mod errors;
