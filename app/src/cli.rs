@@ -140,10 +140,21 @@ pub struct EvalArgs {
 /// What to measure.
 #[derive(Debug, Subcommand)]
 pub enum EvalWhat {
-    /// TuSimple accuracy of the lane network
-    Lanes(RecordedArgs),
-    /// Average precision of the detector
-    Detector(RecordedArgs),
+    /// TuSimple accuracy of a lane network
+    Lanes(NetworkArgs),
+    /// Average precision of a detector, as KITTI counts it and all around
+    Detector(NetworkArgs),
+}
+
+/// A network and the recorded frames to measure it on.
+#[derive(Debug, Args)]
+pub struct NetworkArgs {
+    /// The network's name, as `covista models list` shows it [default: the closed loop's]
+    #[arg(long, value_name = "ID")]
+    pub model: Option<String>,
+    /// The frames
+    #[command(flatten)]
+    pub recorded: RecordedArgs,
 }
 
 /// Recorded frames to measure networks on.

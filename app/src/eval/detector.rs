@@ -1,18 +1,20 @@
 use anyhow::bail;
 use covista_drive::{ClassEvaluation, evaluate_detector};
-use covista_perception::{DETECTOR_MODEL, Perceiver};
+use covista_perception::{DETECTOR_MODEL, Detector};
 use covista_sensors::kitti::{KittiFrame, read_cloud};
 
 use super::{lacking, report, with_bar, without_labels};
 use crate::{
-    cli::RecordedArgs,
-    frames::{perceiver, recorded_frames},
+    cli::NetworkArgs,
+    frames::{detector, recorded_frames},
     output::{prepare_file, say},
     table::{aligned, box_rows},
 };
 
 /// `covista eval detector`.
-pub(super) fn run(args: &RecordedArgs) -> anyhow::Result<()> {
+pub(super) fn run(args: &NetworkArgs) -> anyhow::Result<()> {
+    let model = args.model.as_deref().unwrap_or(DETECTOR_MODEL);
+    let args = &args.recorded;
     if let Some(json) = &args.json {
         prepare_file(json)?;
     }
@@ -21,11 +23,11 @@ pub(super) fn run(args: &RecordedArgs) -> anyhow::Result<()> {
         args.calibration.as_deref(),
         args.labels.as_deref(),
     )?;
-    let mut perceiver = perceiver(args.models.as_deref())?;
+    let mut detector = detector(args.models.as_deref(), model)?;
     if let [frame] = &*frames
         && args.data.is_file()
     {
-        print_boxes(frame, &mut perceiver)?;
+        print_boxes(frame, &mut detector)?;
         if frame.labels.is_none() {
             return without_labels(args, "labels");
         }
@@ -33,7 +35,7 @@ pub(super) fn run(args: &RecordedArgs) -> anyhow::Result<()> {
             bail!("labels are in the camera's frame: name the --calibration, too");
         }
     }
-    let evaluated = with_bar(|progress| evaluate_detector(&frames, &mut perceiver, progress))?;
+    let evaluated = with_bar(|progress| evaluate_detector(&frames, &mut detector, progress))?;
     let figures = &evaluated.figures;
     for ClassEvaluation {
         class,
@@ -44,7 +46,7 @@ pub(super) fn run(args: &RecordedArgs) -> anyhow::Result<()> {
     {
         let percent = |ap: &Option<f64>| ap.map_or("-".into(), |ap| format!("{ap:.1} %"));
         say(&format!(
-            "{DETECTOR_MODEL} on {} frames{}, {boxes} boxes of class {class:?}: \
+            "{model} on {} frames{}, {boxes} boxes of class {class:?}: \
              AP (BEV, R40) {} at IoU 0.5, {} at IoU 0.7",
             evaluated.frames,
             lacking(&evaluated.lacking),
@@ -56,14 +58,14 @@ pub(super) fn run(args: &RecordedArgs) -> anyhow::Result<()> {
         say("all labels lie before the camera: boxes found outside the picture are left out")?;
     }
     let rows = figures.classes.clone();
-    report(args, "eval detector", DETECTOR_MODEL, &evaluated, rows)
+    report(args, "eval detector", model, &evaluated, rows)
 }
 
 /// The boxes found in a single sweep.
-fn print_boxes(frame: &KittiFrame, perceiver: &mut Perceiver) -> anyhow::Result<()> {
+fn print_boxes(frame: &KittiFrame, detector: &mut Detector) -> anyhow::Result<()> {
     let Some(path) = &frame.cloud else {
         bail!("the detector needs a point cloud: name a .bin");
     };
-    let found = perceiver.detect(&read_cloud(path)?)?;
+    let found = detector.detect(&read_cloud(path)?)?;
     say(aligned(&box_rows(&found)).trim_end())
 }

@@ -1,5 +1,5 @@
 use covista_perception::{
-    Perceiver,
+    Detector,
     metrics::{TrueBox, average_precision},
 };
 use covista_sensors::kitti::{KittiFrame, KittiLabel, read_cloud, read_image, read_labels};
@@ -54,7 +54,7 @@ struct Frame {
 /// When there is none, a file is unusable or the network fails.
 pub fn evaluate_detector(
     frames: &[KittiFrame],
-    perceiver: &mut Perceiver,
+    detector: &mut Detector,
     progress: Progress<'_>,
 ) -> Result<Evaluated<DetectorEvaluation>, EvaluateError> {
     let (usable, lacking) = with_files(
@@ -67,7 +67,7 @@ pub fn evaluate_detector(
     );
     let mut measured = Vec::new();
     for (index, frame) in usable.iter().enumerate() {
-        measured.push(Frame::measure(frame, perceiver)?);
+        measured.push(Frame::measure(frame, detector)?);
         progress(index + 1, usable.len());
     }
     let picture_only = measured.iter().all(Frame::is_labelled_before_the_camera);
@@ -112,7 +112,7 @@ fn of_class(frames: &[(Vec<Detection3d>, Vec<TrueBox>)], class: ObjectClass) -> 
 }
 
 impl Frame {
-    fn measure(frame: &KittiFrame, perceiver: &mut Perceiver) -> Result<Self, EvaluateError> {
+    fn measure(frame: &KittiFrame, detector: &mut Detector) -> Result<Self, EvaluateError> {
         let mut calibration = calibration_of(frame)?;
         if let Some(path) = &frame.image {
             let image = read_image(path)?;
@@ -121,13 +121,13 @@ impl Frame {
         }
         let points = read_cloud(file_of(&frame.cloud)?)?;
         let labels = read_labels(file_of(&frame.labels)?)?;
-        let range_m = perceiver.range_m().map(f64::from);
+        let range_m = detector.range_m().map(f64::from);
         let truth = labels
             .iter()
             .filter_map(|label| true_box(label, &calibration, &points, &range_m));
         Ok(Self {
             truth: truth.collect(),
-            found: perceiver.detect(&points)?,
+            found: detector.detect(&points)?,
             calibration,
             labels,
         })

@@ -1,4 +1,4 @@
-use covista_perception::{Perceiver, metrics::lane_accuracy};
+use covista_perception::{LaneFinder, metrics::lane_accuracy};
 use covista_sensors::{kitti::KittiFrame, read_tusimple_line};
 use serde::Serialize;
 
@@ -20,7 +20,7 @@ pub struct LaneEvaluation {
 /// When there is none or none with a mark, a file is unusable or the network fails.
 pub fn evaluate_lanes(
     frames: &[KittiFrame],
-    perceiver: &mut Perceiver,
+    finder: &mut LaneFinder,
     progress: Progress<'_>,
 ) -> Result<Evaluated<LaneEvaluation>, EvaluateError> {
     let (usable, lacking) = with_files(
@@ -32,7 +32,7 @@ pub fn evaluate_lanes(
     );
     let (mut sums, mut counted) = ([0.0; 2], 0_usize);
     for (index, frame) in usable.iter().enumerate() {
-        let Some(picture) = FittedPicture::read(frame, perceiver.image_size_px())? else {
+        let Some(picture) = FittedPicture::read(frame, finder.image_size_px())? else {
             continue;
         };
         let labels = file_of(&frame.lanes)?;
@@ -40,7 +40,7 @@ pub fn evaluate_lanes(
             std::fs::read_to_string(labels).map_err(|error| EvaluateError::file(labels, error))?;
         let truth = read_tusimple_line(&text, |pixel| picture.in_network(pixel))
             .map_err(|reason| EvaluateError::file(labels, reason))?;
-        let found = perceiver.find_marks(&picture.image)?;
+        let found = finder.find_marks(&picture.image)?;
         if let Some(accuracy) = lane_accuracy(&found, &truth) {
             sums[0] += accuracy.tusimple;
             sums[1] += accuracy.ufld;
