@@ -8,7 +8,10 @@ use std::path::{Path, PathBuf};
 use covista_perception::PerceiveError;
 use covista_sensors::kitti::KittiError;
 
-pub use detector::{ClassEvaluation, DetectorEvaluation, evaluate_detector};
+pub use detector::{
+    Bar, ClassEvaluation, DetectorEvaluation, Hardness, OperatingPoint, RecallBar,
+    evaluate_detector,
+};
 pub use lanes::{LaneEvaluation, evaluate_lanes};
 
 use crate::recorded::{Lacking, RecordedError};

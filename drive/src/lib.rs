@@ -25,8 +25,8 @@ pub use cause::Cause;
 pub use covista_control::ControlSettings;
 pub use covista_traffic::{Material, Scenario, Traffic, VehicleKind};
 pub use evaluate::{
-    ClassEvaluation, DetectorEvaluation, EvaluateError, Evaluated, LaneEvaluation, Progress,
-    evaluate_detector, evaluate_lanes,
+    Bar, ClassEvaluation, DetectorEvaluation, EvaluateError, Evaluated, Hardness, LaneEvaluation,
+    OperatingPoint, Progress, RecallBar, evaluate_detector, evaluate_lanes,
 };
 pub use monitor::{CavView, Monitor, TrueBarriers};
 pub use recorded::{FittedPicture, Lacking, RecordedError, calibration_of};

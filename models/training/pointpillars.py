@@ -43,25 +43,44 @@ ANCHOR_YAWS = (0.0, math.pi / 2)
 PER_CELL = len(ANCHORS) * len(ANCHOR_YAWS)
 
 
+def scrambled(value: np.ndarray) -> np.ndarray:
+    """Brings the upper bits of uint32 down to all others."""
+    value = value ^ (value >> np.uint32(15))
+    value = value * np.uint32(0x2C1B3C6D)
+    return value ^ (value >> np.uint32(12))
+
+
+def point_hashes(points: np.ndarray) -> np.ndarray:
+    """A hash, uint32 [N], of the bits of points [N, 4], float32."""
+    bits = np.ascontiguousarray(points, np.float32).view(np.uint32)
+    factors = np.array((0x9E3779B1, 0x85EBCA77, 0xC2B2AE3D, 0x27D4EB2F), np.uint32)
+    return scrambled(np.bitwise_xor.reduce(bits * factors, axis=1))
+
+
 def voxelize(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Points [N, 4] (x, y, z, reflectance) to pillars [P, 32, 9], zero padded, and coords [P].
 
-    A pillar keeps its first 32 points; pillars beyond 20000, in order of their first point, are
-    dropped. A coord is iy * nx + ix.
+    The order of the points makes no difference. A pillar's points come in the order of a hash of
+    their bits, at most 32; of too many pillars those with the least hash of their cell stay, in
+    the order of the cells. A coord is iy * nx + ix. Rust gives the same bytes.
     """
     low, high = np.array(RANGE_M[:3], np.float32), np.array(RANGE_M[3:], np.float32)
     points = points[np.all((points[:, :3] >= low) & (points[:, :3] < high), axis=1)]
     cell = ((points[:, :2] - low[:2]) / np.float32(PILLAR_M)).astype(np.int64)
     cell = np.minimum(cell, (NX - 1, NY - 1))
-    order = np.argsort(cell[:, 1] * NX + cell[:, 0], kind="stable")
-    points, cell = points[order], cell[order]
     key = cell[:, 1] * NX + cell[:, 0]
+    place = key.astype(np.uint64) << np.uint64(32) | point_hashes(points)
+    order = np.argsort(place)
+    if np.any(np.diff(place[order]) == 0):  # as good as never
+        bits = np.ascontiguousarray(points).view(np.uint32)
+        order = np.lexsort((*bits.T[::-1], place))
+    points, cell, key = points[order], cell[order], key[order]
     starts = np.flatnonzero(np.diff(key, prepend=-1))
     counts = np.diff(starts, append=len(key))
+    kept = np.arange(len(starts))
     if len(starts) > MAX_PILLARS:
-        kept = np.sort(np.argsort(order[starts])[:MAX_PILLARS])
-    else:
-        kept = np.arange(len(starts))
+        cell_hashes = scrambled(key[starts].astype(np.uint32) * np.uint32(0x9E3779B1))
+        kept = np.sort(np.argpartition(cell_hashes, MAX_PILLARS)[:MAX_PILLARS])
     pillar_of_start = np.full(len(starts), -1)
     pillar_of_start[kept] = np.arange(len(kept))
     rank = np.arange(len(key)) - np.repeat(starts, counts)
@@ -71,8 +90,8 @@ def voxelize(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     number = np.minimum(counts[kept], MAX_POINTS)
     sums = np.stack([np.bincount(pillar, points[:, i], len(kept)) for i in range(3)], 1)
-    mean = (sums / np.maximum(number, 1)[:, None]).astype(np.float32)
-    center = ((cell + 0.5) * PILLAR_M + low[:2]).astype(np.float32)
+    mean = (sums / number[:, None]).astype(np.float32)
+    center = (cell.astype(np.float32) + np.float32(0.5)) * np.float32(PILLAR_M) + low[:2]
     pillars = np.zeros((len(kept), MAX_POINTS, 9), np.float32)
     offsets = (points[:, :3] - mean[pillar], points[:, :2] - center)
     pillars[pillar, rank] = np.concatenate((points, *offsets), 1)

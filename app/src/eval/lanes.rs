@@ -36,11 +36,15 @@ pub(super) fn run(args: &NetworkArgs) -> anyhow::Result<()> {
     let evaluated = with_bar(|progress| evaluate_lanes(&frames, &mut finder, progress))?;
     let figures = &evaluated.figures;
     say(&format!(
-        "{model} on {} frames{}: TuSimple accuracy {:.2} %, UFLD's variant {:.2} %",
+        "{model} on {} frames{}: TuSimple accuracy {:.2} %, UFLD's variant {:.2} %, the paper's \
+         {:.2} %; false positives {:.2} %, false negatives {:.2} %",
         evaluated.frames,
         lacking(&evaluated.lacking),
         figures.accuracy_tusimple,
-        figures.accuracy_ufld
+        figures.accuracy_ufld,
+        figures.accuracy_paper,
+        figures.false_positive,
+        figures.false_negative
     ))?;
     let rows = vec![figures.clone()];
     report(args, "eval lanes", model, &evaluated, rows)
