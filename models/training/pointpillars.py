@@ -21,6 +21,7 @@ NX, NY = 864, 160
 MAX_PILLARS, MAX_POINTS = 20000, 32
 STRIDE = 2
 PADDING = -1e4
+HASH_FACTORS = (0x9E3779B1, 0x85EBCA77, 0xC2B2AE3D, 0x27D4EB2F)
 MAP_NX, MAP_NY = NX // STRIDE, NY // STRIDE
 CLASSES = ("car", "truck")
 
@@ -53,8 +54,8 @@ def scrambled(value: np.ndarray) -> np.ndarray:
 def point_hashes(points: np.ndarray) -> np.ndarray:
     """A hash, uint32 [N], of the bits of points [N, 4], float32."""
     bits = np.ascontiguousarray(points, np.float32).view(np.uint32)
-    factors = np.array((0x9E3779B1, 0x85EBCA77, 0xC2B2AE3D, 0x27D4EB2F), np.uint32)
-    return scrambled(np.bitwise_xor.reduce(bits * factors, axis=1))
+    x, y, z, reflectance = (bits * np.array(HASH_FACTORS, np.uint32)).T
+    return scrambled(x ^ y ^ z ^ reflectance)
 
 
 def voxelize(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -79,7 +80,7 @@ def voxelize(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     counts = np.diff(starts, append=len(key))
     kept = np.arange(len(starts))
     if len(starts) > MAX_PILLARS:
-        cell_hashes = scrambled(key[starts].astype(np.uint32) * np.uint32(0x9E3779B1))
+        cell_hashes = scrambled(key[starts].astype(np.uint32) * np.uint32(HASH_FACTORS[0]))
         kept = np.sort(np.argpartition(cell_hashes, MAX_PILLARS)[:MAX_PILLARS])
     pillar_of_start = np.full(len(starts), -1)
     pillar_of_start[kept] = np.arange(len(kept))

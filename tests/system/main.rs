@@ -3,6 +3,7 @@
 //! - `workspace`: the dependency rule of ARCHITECTURE.md, read off the Cargo.toml files;
 //! - `demo`: the obstacle-at-corner demo through the binary;
 //! - `dataset`: data sets written, stopped and read, recorded frames, and bad ones;
+//! - `networks`: one network of the folder on recorded frames, and what it says of strange ones;
 //! - `bench`: the benchmarks, their table and rows;
 //! - `errors`: bad input, one clear line and exit code 2.
 
@@ -17,4 +18,5 @@ mod binary;
 mod dataset;
 mod demo;
 mod errors;
+mod networks;
 mod workspace;
