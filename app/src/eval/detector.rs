@@ -48,6 +48,9 @@ pub(super) fn run(args: &NetworkArgs) -> anyhow::Result<()> {
             optional(of.ap_bev_50_r40, 1),
             optional(of.ap_bev_70_r40, 1)
         ))?;
+        if of.boxes + of.hardness.labelled == 0 {
+            continue;
+        }
         for table in [benchmark_rows(of), recall_rows(of), hardness_rows(of)] {
             say(aligned(&table).trim_end())?;
         }

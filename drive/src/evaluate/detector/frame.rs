@@ -264,12 +264,12 @@ pub(super) mod tests {
 
     #[test]
     fn people_are_no_boxes_and_unknown_kinds_are_ignored() {
+        use ObjectClass::{Car, Truck};
         let ignored = |kind: &str, z: &str, class| {
             let line = CAR.replace("Car", kind).replace("20.0", z);
             let boxes = frame(&[&line], Vec::new()).true_boxes(class, 1);
             boxes.first().map(|truth| truth.ignored)
         };
-        use ObjectClass::{Car, Truck};
         assert_eq!(ignored("Car", "20.0", Car), Some(false));
         assert_eq!(ignored("Car", "20.0", Truck), Some(true));
         assert_eq!(ignored("Van", "20.0", Truck), Some(false));
