@@ -304,7 +304,7 @@ mod tests {
     #[test]
     fn pillars_are_those_of_the_training() {
         let fixture = |name: &str| {
-            let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures");
+            let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/cases");
             std::fs::read(folder.join(name)).expect("a fixture")
         };
         let cloud = fixture("pillars_cloud.bin");

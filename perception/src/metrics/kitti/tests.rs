@@ -158,7 +158,7 @@ fn upright(columns: &[f64], class: ObjectClass, score: f64) -> Detection3d {
 #[test]
 fn figures_are_those_of_an_independent_evaluation() {
     let fixture = |name: &str| {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures");
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/cases");
         std::fs::read_to_string(path.join(name)).expect("a fixture")
     };
     let mut frames: Vec<(Vec<LabelledBox>, Vec<FoundBox>)> = Vec::new();
