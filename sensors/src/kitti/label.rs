@@ -163,7 +163,8 @@ pub fn picture_box_px(corners_m: &[Point3<f64>], calibration: &Calibration) -> O
     let camera_from_lidar = calibration.camera_from_lidar();
     let seen: Vec<_> = corners_m.iter().map(|p| camera_from_lidar * p).collect();
     let (inside, _) = image_box(clipped(&seen).into_iter(), &calibration.intrinsics);
-    (inside != [0.0; 4]).then_some(inside)
+    let [left, _, right, _] = inside;
+    (left < right).then_some(inside)
 }
 
 /// The 2D box of points in the camera frame within the image, and the share of it that the image
