@@ -140,10 +140,10 @@ pub struct EvalArgs {
 /// What to measure.
 #[derive(Debug, Subcommand)]
 pub enum EvalWhat {
-    /// TuSimple accuracy of the lane network
-    Lanes(RecordedArgs),
-    /// Average precision of the detector
-    Detector(RecordedArgs),
+    /// TuSimple accuracy of a lane network
+    Lanes(NetworkArgs),
+    /// Average precision of a detector, as KITTI counts it and all around
+    Detector(NetworkArgs),
     /// Lane indices of vehicles, by distance, on curves and straights
     Fusion(FusionArgs),
     /// What each CAV of a scenario knows of the vehicles within 100 m, alone and with sharing
@@ -187,6 +187,17 @@ pub struct CooperativeArgs {
     /// Write the rows as JSON
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+}
+
+/// A network and the recorded frames to measure it on.
+#[derive(Debug, Args)]
+pub struct NetworkArgs {
+    /// The network's name, as `covista models list` shows it [default: the closed loop's]
+    #[arg(long, value_name = "ID")]
+    pub model: Option<String>,
+    /// The frames
+    #[command(flatten)]
+    pub recorded: RecordedArgs,
 }
 
 /// Recorded frames to measure networks on.

@@ -18,8 +18,8 @@ use crate::{
 
 /// A row of `--json`: the model, the frames, and its figures.
 #[derive(Serialize)]
-struct Row<T> {
-    model: &'static str,
+struct Row<'a, T> {
+    model: &'a str,
     frames: usize,
     lacking: Vec<Lacking>,
     #[serde(flatten)]
@@ -68,7 +68,7 @@ fn lacking(lacking: &[Lacking]) -> String {
 fn report<T: Serialize, F>(
     args: &RecordedArgs,
     command: &str,
-    model: &'static str,
+    model: &str,
     evaluated: &Evaluated<F>,
     figures: Vec<T>,
 ) -> anyhow::Result<()> {

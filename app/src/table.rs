@@ -95,7 +95,7 @@ fn row(name: &str, runs: &[RunSummary], cell: impl Fn(&RunSummary) -> String) ->
         .collect()
 }
 
-/// A number, or a dash where there is none.
+/// A number to so many digits, or `-`.
 pub fn optional(value: Option<f64>, digits: usize) -> String {
     value.map_or_else(|| "-".into(), |value| format!("{value:.digits$}"))
 }

@@ -13,7 +13,10 @@ use covista_sensors::kitti::KittiError;
 pub use cooperative::{
     CooperativeEvaluation, CooperativeRuns, KnownVehicles, SharingCondition, evaluate_cooperative,
 };
-pub use detector::{ClassEvaluation, DetectorEvaluation, evaluate_detector};
+pub use detector::{
+    Bar, ClassEvaluation, DetectorEvaluation, Hardness, OperatingPoint, RecallBar,
+    evaluate_detector,
+};
 pub use fusion::{
     FusionEvaluation, FusionFigures, GeometryErrors, LaneIndexFigures, Origin, Reliability,
     evaluate_fusion,

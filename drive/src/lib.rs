@@ -26,10 +26,10 @@ pub use covista_control::ControlSettings;
 pub use covista_sharing::{ChannelSettings, PoseNoise};
 pub use covista_traffic::{Material, Scenario, Traffic, VehicleKind};
 pub use evaluate::{
-    ClassEvaluation, CooperativeEvaluation, CooperativeRuns, DetectorEvaluation, EvaluateError,
-    Evaluated, FusionEvaluation, FusionFigures, GeometryErrors, KnownVehicles, LaneEvaluation,
-    LaneIndexFigures, Origin, Progress, Reliability, SharingCondition, evaluate_cooperative,
-    evaluate_detector, evaluate_fusion, evaluate_lanes,
+    Bar, ClassEvaluation, CooperativeEvaluation, CooperativeRuns, DetectorEvaluation, EvaluateError,
+    Evaluated, FusionEvaluation, FusionFigures, GeometryErrors, Hardness, KnownVehicles,
+    LaneEvaluation, LaneIndexFigures, OperatingPoint, Origin, Progress, RecallBar, Reliability,
+    SharingCondition, evaluate_cooperative, evaluate_detector, evaluate_fusion, evaluate_lanes,
 };
 pub use monitor::{CavView, Monitor, TrueBarriers};
 pub use recorded::{FittedPicture, Lacking, RecordedError, calibration_of};

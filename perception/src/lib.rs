@@ -23,6 +23,10 @@ mod runtime;
 pub use card::{
     AnchorSpec, CardError, Dimension, ModelCard, Network, PointPillarsSpec, TensorSpec, UfldSpec,
 };
-pub use models::{DETECTOR_MODEL, LANE_MODEL, ModelError, list_models, open_model, verify_model};
+pub use lanes::finder::LaneFinder;
+pub use models::{
+    DETECTOR_MODEL, LANE_MODEL, ModelError, find_model, list_models, open_model, verify_model,
+};
 pub use perceiver::{FramePercepts, PerceiveError, Perceiver, StageTimes};
+pub use pointpillars::detector::Detector;
 pub use runtime::{ONNX_RUNTIME_VERSION, OnnxRuntime, RuntimeError};

@@ -11,7 +11,7 @@ use image::ImageReader;
 
 pub use calibration::{calibration_text, read_calibration};
 pub use folder::{KittiFrame, kitti_frames};
-pub use label::KittiLabel;
+pub use label::{KittiLabel, picture_box_px};
 
 const POINT_BYTES: usize = 16;
 

@@ -4,6 +4,7 @@
 //! - `demo`: the obstacle-at-corner demo through the binary;
 //! - `dataset`: data sets written, stopped and read, recorded frames, and bad ones;
 //! - `fusion`: the lanes of vehicles, measured on a data set with its truth;
+//! - `networks`: one network of the folder on recorded frames, and what it says of strange ones;
 //! - `bench`: the benchmarks, their table and rows;
 //! - `cooperative`: what CAVs know alone and with sharing, on exact percepts;
 //! - `errors`: bad input, one clear line and exit code 2.
@@ -21,4 +22,5 @@ mod dataset;
 mod demo;
 mod errors;
 mod fusion;
+mod networks;
 mod workspace;
