@@ -1,6 +1,7 @@
 //! `covista eval`: how good the networks are.
 
 mod detector;
+mod errors;
 mod lanes;
 
 use anyhow::bail;
@@ -29,6 +30,7 @@ pub fn run(args: &EvalArgs) -> anyhow::Result<()> {
     match &args.what {
         EvalWhat::Lanes(args) => lanes::run(args),
         EvalWhat::Detector(args) => detector::run(args),
+        EvalWhat::Errors(args) => errors::run(args),
     }
 }
 

@@ -3,7 +3,10 @@ use std::path::Path;
 use anyhow::bail;
 use covista_drive::calibration_of;
 use covista_perception::{OnnxRuntime, Perceiver};
-use covista_sensors::kitti::{KittiFrame, kitti_frames};
+use covista_sensors::{
+    ErrorModel,
+    kitti::{KittiFrame, kitti_frames},
+};
 
 use crate::output::models_folder;
 
@@ -40,4 +43,22 @@ pub fn perceiver(models: Option<&Path>) -> anyhow::Result<Perceiver> {
     let runtime = OnnxRuntime::acquire(&|message| eprintln!("covista: {message}"))?;
     let threads = std::thread::available_parallelism().map_or(1, Into::into);
     Ok(Perceiver::new(&runtime, &models_folder(models), threads)?)
+}
+
+/// Pairs of networks on one thread each, one a core but no more than `most`.
+pub fn perceivers(models: Option<&Path>, most: usize) -> anyhow::Result<Vec<Perceiver>> {
+    let runtime = OnnxRuntime::acquire(&|message| eprintln!("covista: {message}"))?;
+    let folder = models_folder(models);
+    let threads = std::thread::available_parallelism().map_or(1, Into::into);
+    (0..threads.min(most.max(1)))
+        .map(|_| Ok(Perceiver::new(&runtime, &folder, 1)?))
+        .collect()
+}
+
+/// The networks' errors in a file, or those that come with covista.
+pub fn error_model(file: Option<&Path>) -> anyhow::Result<ErrorModel> {
+    Ok(match file {
+        Some(file) => ErrorModel::load(file)?,
+        None => ErrorModel::builtin()?,
+    })
 }

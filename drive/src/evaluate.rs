@@ -1,6 +1,7 @@
 //! The networks on recorded frames with labels.
 
 mod detector;
+mod errors;
 mod lanes;
 
 use std::path::{Path, PathBuf};
@@ -9,6 +10,10 @@ use covista_perception::PerceiveError;
 use covista_sensors::kitti::KittiError;
 
 pub use detector::{ClassEvaluation, DetectorEvaluation, evaluate_detector};
+pub use errors::{
+    DataOrigin, ErrorFigures, ErrorFrame, ErrorFrames, FitError, FoundBox, figures_by_distance,
+    fit_errors, perceive_dataset, perceive_scenario,
+};
 pub use lanes::{LaneEvaluation, evaluate_lanes};
 
 use crate::recorded::{Lacking, RecordedError};

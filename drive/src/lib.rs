@@ -25,8 +25,9 @@ pub use cause::Cause;
 pub use covista_control::ControlSettings;
 pub use covista_traffic::{Material, Scenario, Traffic, VehicleKind};
 pub use evaluate::{
-    ClassEvaluation, DetectorEvaluation, EvaluateError, Evaluated, LaneEvaluation, Progress,
-    evaluate_detector, evaluate_lanes,
+    ClassEvaluation, DataOrigin, DetectorEvaluation, ErrorFigures, ErrorFrame, ErrorFrames,
+    EvaluateError, Evaluated, FitError, FoundBox, LaneEvaluation, Progress, evaluate_detector,
+    evaluate_lanes, figures_by_distance, fit_errors, perceive_dataset, perceive_scenario,
 };
 pub use monitor::{CavView, Monitor, TrueBarriers};
 pub use recorded::{FittedPicture, Lacking, RecordedError, calibration_of};

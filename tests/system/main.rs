@@ -4,6 +4,7 @@
 //! - `demo`: the obstacle-at-corner demo through the binary;
 //! - `dataset`: data sets written, stopped and read, recorded frames, and bad ones;
 //! - `bench`: the benchmarks, their table and rows;
+//! - `statistical`: the error model against the networks, and in the closed loop;
 //! - `errors`: bad input, one clear line and exit code 2.
 
 #![allow(
@@ -17,4 +18,5 @@ mod binary;
 mod dataset;
 mod demo;
 mod errors;
+mod statistical;
 mod workspace;
