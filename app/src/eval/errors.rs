@@ -112,10 +112,13 @@ fn fit(
     let (frames, origin) = &data.figures;
     let scenario = args.scenario.as_deref().unwrap_or_default();
     let folder = args.data.as_deref().unwrap_or(Path::new("")).display();
+    let duration = args.duration.map_or_else(String::new, |duration_s| {
+        format!(" --duration {duration_s}")
+    });
     let cards = list_models(&models_folder(args.models.as_deref()))?;
     let source = ErrorSource {
         command: format!(
-            "covista eval errors --data {folder} --scenario {scenario} --seed {} --out {}",
+            "covista eval errors --data {folder} --scenario {scenario} --seed {}{duration} --out {}",
             args.seed,
             out.display()
         ),
