@@ -49,7 +49,7 @@ mod tests {
 
     #[test]
     fn quantiles_of_known_values_are_those_of_the_definition() {
-        let shuffled = (0..=1000).map(|i| f64::from(i * 7 % 1001) / 100.0);
+        let shuffled = (0..=1000).map(|i| f64::from(i * 5 % 1001) / 100.0);
         let found = Quantiles::of(shuffled.collect()).expect("values");
         for (value, share) in found.0.iter().zip(QUANTILE_SHARES) {
             assert!((value - 10.0 * share).abs() < 1e-9, "{share}: {value}");
