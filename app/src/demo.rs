@@ -5,13 +5,14 @@ use covista_drive::{
     ChannelSettings, ControlSettings, RunConfig, RunSummary, Scenario, Senses, Snapshot,
     TRACE_HEADER, VehicleKind, run,
 };
-use covista_perception::{OnnxRuntime, Perceiver};
+use covista_perception::list_models;
 use covista_viewer::{open_viewer, plot_speeds, plot_trajectories};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use crate::{
     cli::{DemoArgs, PerceptionArg, SharingArg},
+    frames::{error_model, perceivers},
     output::{models_folder, prepare_file, prepare_folder, say, write_json, write_whole},
     record::{Recorded, Recorder},
     replay::{self, is_recorded},
@@ -64,7 +65,12 @@ pub fn run_demo(args: &DemoArgs) -> anyhow::Result<()> {
     if let Some(trace) = &args.trace {
         prepare_file(trace)?;
     }
-    let (mut senses, models) = senses(args.perception, args.models.as_deref(), cavs_of(&scenario))?;
+    let (mut senses, models) = senses(
+        args.perception,
+        args.models.as_deref(),
+        args.errors.as_deref(),
+        count_cavs(&scenario),
+    )?;
     let sharings: &[bool] = match args.sharing {
         SharingArg::On => &[true],
         SharingArg::Off => &[false],
@@ -86,7 +92,14 @@ pub fn run_demo(args: &DemoArgs) -> anyhow::Result<()> {
         let rrd = format!("sharing-{}.rrd", if sharing { "on" } else { "off" });
         let path = out.join(&rrd);
         let mut recorder = Recorder::new(&path, &config);
-        let bar = progress_bar(sharing, duration_s);
+        let bar = progress_bar(
+            if sharing {
+                "sharing on "
+            } else {
+                "sharing off"
+            },
+            duration_s,
+        );
         let mut summary = run(&config, &mut senses, &mut |snapshot: &Snapshot<'_>| {
             bar.set_position((snapshot.time_s * 10.0).round() as u64);
             recorder.log(snapshot)?;
@@ -150,55 +163,58 @@ pub fn duration_s(named: Option<f64>, scenario: &Scenario) -> anyhow::Result<f64
     Ok(duration_s)
 }
 
-/// How many CAVs drive in a scenario.
-pub fn cavs_of(scenario: &Scenario) -> usize {
-    let kinds = scenario.vehicles.iter().map(|vehicle| vehicle.kind);
-    kinds.filter(|&kind| kind == VehicleKind::Cav).count()
-}
-
 /// Perception as files name it.
 pub fn perception_name(perception: PerceptionArg) -> &'static str {
     match perception {
         PerceptionArg::Network => "network",
+        PerceptionArg::Statistical => "statistical",
         PerceptionArg::Truth => "truth",
     }
+}
+
+/// How many CAVs a scenario has.
+pub fn count_cavs(scenario: &Scenario) -> usize {
+    let vehicles = scenario.vehicles.iter();
+    vehicles
+        .filter(|vehicle| vehicle.kind == VehicleKind::Cav)
+        .count()
 }
 
 /// Where percepts come from, and the hashes of the networks in use.
 pub fn senses(
     perception: PerceptionArg,
     models: Option<&Path>,
+    errors: Option<&Path>,
     cavs: usize,
 ) -> anyhow::Result<(Senses, BTreeMap<String, String>)> {
-    if perception == PerceptionArg::Truth {
-        return Ok((Senses::Truth, BTreeMap::new()));
+    if errors.is_some() && perception != PerceptionArg::Statistical {
+        bail!("--errors is for --perception statistical");
     }
-    let folder = models_folder(models);
-    let runtime = OnnxRuntime::acquire(&|message| eprintln!("covista: {message}"))?;
-    let threads = std::thread::available_parallelism().map_or(1, Into::into);
-    // One pair of networks a thread; more than CAVs would idle.
-    let perceivers = (0..threads.min(cavs.max(1)))
-        .map(|_| Perceiver::new(&runtime, &folder, 1))
-        .collect::<Result<_, _>>()?;
-    let models = covista_perception::list_models(&folder)?
-        .into_iter()
-        .map(|card| (card.id, card.sha256))
-        .collect();
-    Ok((Senses::Network(perceivers), models))
+    match perception {
+        PerceptionArg::Truth => Ok((Senses::Truth, BTreeMap::new())),
+        PerceptionArg::Statistical => {
+            let model = error_model(errors)?;
+            let networks = model.source.networks.clone();
+            Ok((Senses::Statistical(Box::new(model)), networks))
+        }
+        PerceptionArg::Network => {
+            let networks = perceivers(models, cavs)?;
+            let cards = list_models(&models_folder(models))?.into_iter();
+            let hashes = cards.map(|card| (card.id, card.sha256)).collect();
+            Ok((Senses::Network(networks), hashes))
+        }
+    }
 }
 
-fn progress_bar(sharing: bool, duration_s: f64) -> ProgressBar {
+/// Progress by simulated time, on stderr.
+pub fn progress_bar(what: &'static str, duration_s: f64) -> ProgressBar {
     let bar = ProgressBar::new((duration_s * 10.0).round() as u64);
     if let Ok(style) = ProgressStyle::with_template(
         "{msg} [{bar:40}] {percent:>3} % of the simulated time, {eta} left",
     ) {
         bar.set_style(style.progress_chars("=> "));
     }
-    bar.set_message(if sharing {
-        "sharing on "
-    } else {
-        "sharing off"
-    });
+    bar.set_message(what);
     bar.enable_steady_tick(Duration::from_millis(250));
     bar
 }

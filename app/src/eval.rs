@@ -2,6 +2,7 @@
 
 mod cooperative;
 mod detector;
+mod errors;
 mod fusion;
 mod lanes;
 
@@ -33,6 +34,7 @@ pub fn run(args: &EvalArgs) -> anyhow::Result<()> {
         EvalWhat::Detector(args) => detector::run(args),
         EvalWhat::Fusion(args) => fusion::run(args),
         EvalWhat::Cooperative(args) => cooperative::run(args),
+        EvalWhat::Errors(args) => errors::run(args),
     }
 }
 

@@ -3,7 +3,10 @@ use std::path::Path;
 use anyhow::bail;
 use covista_drive::calibration_of;
 use covista_perception::{Detector, LaneFinder, OnnxRuntime, Perceiver};
-use covista_sensors::kitti::{KittiFrame, kitti_frames};
+use covista_sensors::{
+    ErrorModel,
+    kitti::{KittiFrame, kitti_frames},
+};
 
 use crate::output::models_folder;
 
@@ -68,4 +71,21 @@ fn runtime() -> anyhow::Result<(OnnxRuntime, usize)> {
     let runtime = OnnxRuntime::acquire(&|message| eprintln!("covista: {message}"))?;
     let threads = std::thread::available_parallelism().map_or(1, Into::into);
     Ok((runtime, threads))
+}
+
+/// Pairs of networks on one thread each, one a core but no more than `most`.
+pub fn perceivers(models: Option<&Path>, most: usize) -> anyhow::Result<Vec<Perceiver>> {
+    let (runtime, threads) = runtime()?;
+    let folder = models_folder(models);
+    (0..threads.min(most.max(1)))
+        .map(|_| Ok(Perceiver::new(&runtime, &folder, 1)?))
+        .collect()
+}
+
+/// The networks' errors in a file, or those that come with covista.
+pub fn error_model(file: Option<&Path>) -> anyhow::Result<ErrorModel> {
+    Ok(match file {
+        Some(file) => ErrorModel::load(file)?,
+        None => ErrorModel::builtin()?,
+    })
 }

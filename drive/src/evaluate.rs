@@ -2,6 +2,7 @@
 
 mod cooperative;
 mod detector;
+mod errors;
 mod fusion;
 mod lanes;
 
@@ -16,6 +17,10 @@ pub use cooperative::{
 pub use detector::{
     Bar, ClassEvaluation, DetectorEvaluation, Hardness, OperatingPoint, RecallBar,
     evaluate_detector,
+};
+pub use errors::{
+    DataOrigin, ErrorFigures, ErrorFrame, ErrorFrames, FitError, FoundBox, figures_by_distance,
+    fit_errors, perceive_dataset, perceive_scenario,
 };
 pub use fusion::{
     FusionEvaluation, FusionFigures, GeometryErrors, LaneIndexFigures, Origin, Reliability,

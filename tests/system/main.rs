@@ -7,6 +7,7 @@
 //! - `networks`: one network of the folder on recorded frames, and what it says of strange ones;
 //! - `bench`: the benchmarks, their table and rows;
 //! - `cooperative`: what CAVs know alone and with sharing, on exact percepts;
+//! - `statistical`: the error model against the networks, and in the closed loop;
 //! - `errors`: bad input, one clear line and exit code 2.
 
 #![allow(
@@ -23,4 +24,5 @@ mod demo;
 mod errors;
 mod fusion;
 mod networks;
+mod statistical;
 mod workspace;

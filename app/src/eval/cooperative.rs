@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::with_bar;
 use crate::{
     cli::CooperativeArgs,
-    demo::{cavs_of, duration_s, load_scenario, perception_name, senses},
+    demo::{count_cavs, duration_s, load_scenario, perception_name, senses},
     output::{Report, prepare_file, say, write_json},
     table::{aligned, optional},
 };
@@ -51,10 +51,11 @@ pub(super) fn run(args: &CooperativeArgs) -> anyhow::Result<()> {
     if let Some(json) = &args.json {
         prepare_file(json)?;
     }
-    let most_cavs = runs.iter().map(|runs| cavs_of(&runs.scenario)).max();
+    let most_cavs = runs.iter().map(|runs| count_cavs(&runs.scenario)).max();
     let (mut senses, models) = senses(
         args.perception,
         args.models.as_deref(),
+        None,
         most_cavs.unwrap_or(0),
     )?;
     let mut evaluations = Vec::new();
