@@ -2,16 +2,17 @@ use std::{collections::BTreeMap, path::Path, time::Duration};
 
 use anyhow::bail;
 use covista_drive::{
-    ControlSettings, RunConfig, RunSummary, Scenario, Senses, Snapshot, TRACE_HEADER, VehicleKind,
-    run,
+    ChannelSettings, ControlSettings, RunConfig, RunSummary, Scenario, Senses, Snapshot,
+    TRACE_HEADER, VehicleKind, run,
 };
-use covista_perception::{OnnxRuntime, Perceiver};
+use covista_perception::list_models;
 use covista_viewer::{open_viewer, plot_speeds, plot_trajectories};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use crate::{
     cli::{DemoArgs, PerceptionArg, SharingArg},
+    frames::{error_model, perceivers},
     output::{models_folder, prepare_file, prepare_folder, say, write_json, write_whole},
     record::{Recorded, Recorder},
     replay::{self, is_recorded},
@@ -39,10 +40,7 @@ pub fn run_demo(args: &DemoArgs) -> anyhow::Result<()> {
         bail!("--calibration is for recorded frames; a scenario has its own sensors");
     }
     let scenario = load_scenario(&args.scenario)?;
-    let duration_s = args.duration.unwrap_or(scenario.duration_s);
-    if !(0.01..=100_000.0).contains(&duration_s) {
-        bail!("--duration {duration_s:e} is out of range; take 0.01 to 100000 seconds");
-    }
+    let duration_s = duration_s(args.duration, &scenario)?;
     let is_folder_name = !scenario.name.is_empty()
         && scenario
             .name
@@ -67,11 +65,12 @@ pub fn run_demo(args: &DemoArgs) -> anyhow::Result<()> {
     if let Some(trace) = &args.trace {
         prepare_file(trace)?;
     }
-    let cavs = scenario
-        .vehicles
-        .iter()
-        .filter(|vehicle| vehicle.kind == VehicleKind::Cav);
-    let (mut senses, models) = senses(args, cavs.count())?;
+    let (mut senses, models) = senses(
+        args.perception,
+        args.models.as_deref(),
+        args.errors.as_deref(),
+        count_cavs(&scenario),
+    )?;
     let sharings: &[bool] = match args.sharing {
         SharingArg::On => &[true],
         SharingArg::Off => &[false],
@@ -86,13 +85,21 @@ pub fn run_demo(args: &DemoArgs) -> anyhow::Result<()> {
             scenario: scenario.clone(),
             seed: args.seed,
             sharing,
+            channel: ChannelSettings::default(),
             duration_s,
             control: ControlSettings::default(),
         };
         let rrd = format!("sharing-{}.rrd", if sharing { "on" } else { "off" });
         let path = out.join(&rrd);
         let mut recorder = Recorder::new(&path, &config);
-        let bar = progress_bar(sharing, duration_s);
+        let bar = progress_bar(
+            if sharing {
+                "sharing on "
+            } else {
+                "sharing off"
+            },
+            duration_s,
+        );
         let mut summary = run(&config, &mut senses, &mut |snapshot: &Snapshot<'_>| {
             bar.set_position((snapshot.time_s * 10.0).round() as u64);
             recorder.log(snapshot)?;
@@ -120,10 +127,7 @@ pub fn run_demo(args: &DemoArgs) -> anyhow::Result<()> {
             version: env!("CARGO_PKG_VERSION"),
             scenario: &scenario.name,
             seed: args.seed,
-            perception: match args.perception {
-                PerceptionArg::Network => "network",
-                PerceptionArg::Truth => "truth",
-            },
+            perception: perception_name(args.perception),
             settings: ControlSettings::default(),
             models,
             runs: &runs,
@@ -137,7 +141,8 @@ pub fn run_demo(args: &DemoArgs) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn load_scenario(name: &str) -> anyhow::Result<Scenario> {
+/// The scenario of a built-in name or a TOML file.
+pub fn load_scenario(name: &str) -> anyhow::Result<Scenario> {
     let path = Path::new(name);
     if path
         .extension()
@@ -149,37 +154,67 @@ fn load_scenario(name: &str) -> anyhow::Result<Scenario> {
     }
 }
 
-/// Where percepts come from, and the hashes of the networks in use.
-fn senses(args: &DemoArgs, cavs: usize) -> anyhow::Result<(Senses, BTreeMap<String, String>)> {
-    if args.perception == PerceptionArg::Truth {
-        return Ok((Senses::Truth, BTreeMap::new()));
+/// How long a run lasts.
+pub fn duration_s(named: Option<f64>, scenario: &Scenario) -> anyhow::Result<f64> {
+    let duration_s = named.unwrap_or(scenario.duration_s);
+    if !(0.01..=100_000.0).contains(&duration_s) {
+        bail!("--duration {duration_s:e} is out of range; take 0.01 to 100000 seconds");
     }
-    let folder = models_folder(args.models.as_deref());
-    let runtime = OnnxRuntime::acquire(&|message| eprintln!("covista: {message}"))?;
-    let threads = std::thread::available_parallelism().map_or(1, Into::into);
-    // One pair of networks a thread; more than CAVs would idle.
-    let perceivers = (0..threads.min(cavs.max(1)))
-        .map(|_| Perceiver::new(&runtime, &folder, 1))
-        .collect::<Result<_, _>>()?;
-    let models = covista_perception::list_models(&folder)?
-        .into_iter()
-        .map(|card| (card.id, card.sha256))
-        .collect();
-    Ok((Senses::Network(perceivers), models))
+    Ok(duration_s)
 }
 
-fn progress_bar(sharing: bool, duration_s: f64) -> ProgressBar {
+/// Perception as files name it.
+pub fn perception_name(perception: PerceptionArg) -> &'static str {
+    match perception {
+        PerceptionArg::Network => "network",
+        PerceptionArg::Statistical => "statistical",
+        PerceptionArg::Truth => "truth",
+    }
+}
+
+/// How many CAVs a scenario has.
+pub fn count_cavs(scenario: &Scenario) -> usize {
+    let vehicles = scenario.vehicles.iter();
+    vehicles
+        .filter(|vehicle| vehicle.kind == VehicleKind::Cav)
+        .count()
+}
+
+/// Where percepts come from, and the hashes of the networks in use.
+pub fn senses(
+    perception: PerceptionArg,
+    models: Option<&Path>,
+    errors: Option<&Path>,
+    cavs: usize,
+) -> anyhow::Result<(Senses, BTreeMap<String, String>)> {
+    if errors.is_some() && perception != PerceptionArg::Statistical {
+        bail!("--errors is for --perception statistical");
+    }
+    match perception {
+        PerceptionArg::Truth => Ok((Senses::Truth, BTreeMap::new())),
+        PerceptionArg::Statistical => {
+            let model = error_model(errors)?;
+            let networks = model.source.networks.clone();
+            Ok((Senses::Statistical(Box::new(model)), networks))
+        }
+        PerceptionArg::Network => {
+            let networks = perceivers(models, cavs)?;
+            let cards = list_models(&models_folder(models))?.into_iter();
+            let hashes = cards.map(|card| (card.id, card.sha256)).collect();
+            Ok((Senses::Network(networks), hashes))
+        }
+    }
+}
+
+/// Progress by simulated time, on stderr.
+pub fn progress_bar(what: &'static str, duration_s: f64) -> ProgressBar {
     let bar = ProgressBar::new((duration_s * 10.0).round() as u64);
     if let Ok(style) = ProgressStyle::with_template(
         "{msg} [{bar:40}] {percent:>3} % of the simulated time, {eta} left",
     ) {
         bar.set_style(style.progress_chars("=> "));
     }
-    bar.set_message(if sharing {
-        "sharing on "
-    } else {
-        "sharing off"
-    });
+    bar.set_message(what);
     bar.enable_steady_tick(Duration::from_millis(250));
     bar
 }

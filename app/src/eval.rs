@@ -1,6 +1,9 @@
-//! `covista eval`: how good the networks are.
+//! `covista eval`: how good the networks are, and what sharing adds.
 
+mod cooperative;
 mod detector;
+mod errors;
+mod fusion;
 mod lanes;
 
 use anyhow::bail;
@@ -16,8 +19,8 @@ use crate::{
 
 /// A row of `--json`: the model, the frames, and its figures.
 #[derive(Serialize)]
-struct Row<T> {
-    model: &'static str,
+struct Row<'a, T> {
+    model: &'a str,
     frames: usize,
     lacking: Vec<Lacking>,
     #[serde(flatten)]
@@ -29,6 +32,9 @@ pub fn run(args: &EvalArgs) -> anyhow::Result<()> {
     match &args.what {
         EvalWhat::Lanes(args) => lanes::run(args),
         EvalWhat::Detector(args) => detector::run(args),
+        EvalWhat::Fusion(args) => fusion::run(args),
+        EvalWhat::Cooperative(args) => cooperative::run(args),
+        EvalWhat::Errors(args) => errors::run(args),
     }
 }
 
@@ -64,7 +70,7 @@ fn lacking(lacking: &[Lacking]) -> String {
 fn report<T: Serialize, F>(
     args: &RecordedArgs,
     command: &str,
-    model: &'static str,
+    model: &str,
     evaluated: &Evaluated<F>,
     figures: Vec<T>,
 ) -> anyhow::Result<()> {

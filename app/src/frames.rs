@@ -2,8 +2,11 @@ use std::path::Path;
 
 use anyhow::bail;
 use covista_drive::calibration_of;
-use covista_perception::{OnnxRuntime, Perceiver};
-use covista_sensors::kitti::{KittiFrame, kitti_frames};
+use covista_perception::{Detector, LaneFinder, OnnxRuntime, Perceiver};
+use covista_sensors::{
+    ErrorModel,
+    kitti::{KittiFrame, kitti_frames},
+};
 
 use crate::output::models_folder;
 
@@ -37,7 +40,52 @@ pub fn recorded_frames(
 
 /// Both networks on all cores.
 pub fn perceiver(models: Option<&Path>) -> anyhow::Result<Perceiver> {
+    let (runtime, threads) = runtime()?;
+    Ok(Perceiver::new(&runtime, &models_folder(models), threads)?)
+}
+
+/// The lane network `id` on all cores.
+pub fn lane_finder(models: Option<&Path>, id: &str) -> anyhow::Result<LaneFinder> {
+    let (runtime, threads) = runtime()?;
+    Ok(LaneFinder::open(
+        &runtime,
+        &models_folder(models),
+        id,
+        threads,
+    )?)
+}
+
+/// The detector `id` on all cores.
+pub fn detector(models: Option<&Path>, id: &str) -> anyhow::Result<Detector> {
+    let (runtime, threads) = runtime()?;
+    Ok(Detector::open(
+        &runtime,
+        &models_folder(models),
+        id,
+        threads,
+    )?)
+}
+
+/// ONNX Runtime and the number of cores.
+fn runtime() -> anyhow::Result<(OnnxRuntime, usize)> {
     let runtime = OnnxRuntime::acquire(&|message| eprintln!("covista: {message}"))?;
     let threads = std::thread::available_parallelism().map_or(1, Into::into);
-    Ok(Perceiver::new(&runtime, &models_folder(models), threads)?)
+    Ok((runtime, threads))
+}
+
+/// Pairs of networks on one thread each, one a core but no more than `most`.
+pub fn perceivers(models: Option<&Path>, most: usize) -> anyhow::Result<Vec<Perceiver>> {
+    let (runtime, threads) = runtime()?;
+    let folder = models_folder(models);
+    (0..threads.min(most.max(1)))
+        .map(|_| Ok(Perceiver::new(&runtime, &folder, 1)?))
+        .collect()
+}
+
+/// The networks' errors in a file, or those that come with covista.
+pub fn error_model(file: Option<&Path>) -> anyhow::Result<ErrorModel> {
+    Ok(match file {
+        Some(file) => ErrorModel::load(file)?,
+        None => ErrorModel::builtin()?,
+    })
 }

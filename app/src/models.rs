@@ -22,12 +22,16 @@ pub fn run(args: &ModelsArgs) -> anyhow::Result<()> {
             eprintln!("covista: {message}");
         })?),
     };
+    let width = cards.iter().map(|card| card.id.len()).max().unwrap_or(0);
     for card in &cards {
         if let Some(runtime) = &runtime {
             verify_model(runtime, card)?;
         }
         let verdict = if runtime.is_some() { "  ok" } else { "" };
-        say(&format!("{:<18} {}{verdict}", card.id, card.description))?;
+        say(&format!(
+            "{:<width$}  {}{verdict}",
+            card.id, card.description
+        ))?;
     }
     Ok(())
 }

@@ -35,9 +35,14 @@ pub fn is_recorded(name: &str) -> bool {
 /// `covista demo PATH`: the networks on recorded frames.
 pub fn run(args: &DemoArgs) -> anyhow::Result<()> {
     let path = Path::new(&args.scenario);
-    if args.perception == PerceptionArg::Truth || args.duration.is_some() || args.trace.is_some() {
+    if args.perception != PerceptionArg::Network
+        || args.duration.is_some()
+        || args.trace.is_some()
+        || args.errors.is_some()
+    {
         bail!(
-            "--perception truth, --duration and --trace are for scenarios, and {} is recorded",
+            "--perception truth or statistical, --errors, --duration and --trace are for \
+             scenarios, and {} is recorded",
             path.display()
         );
     }
@@ -109,7 +114,7 @@ impl Seen {
         };
         if let Some(picture) = FittedPicture::read(frame, perceiver.image_size_px())? {
             let began = Instant::now();
-            let pixels = perceiver.find_marks(&picture.image)?;
+            let pixels = perceiver.find_marks(&picture.image)?.pixels;
             seen.lanes_ms = Some(1e3 * began.elapsed().as_secs_f64());
             let in_file = |points: Vec<[f64; 2]>| {
                 let points = points.into_iter();

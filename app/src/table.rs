@@ -95,7 +95,8 @@ fn row(name: &str, runs: &[RunSummary], cell: impl Fn(&RunSummary) -> String) ->
         .collect()
 }
 
-fn optional(value: Option<f64>, digits: usize) -> String {
+/// A number to so many digits, or `-`.
+pub fn optional(value: Option<f64>, digits: usize) -> String {
     value.map_or_else(|| "-".into(), |value| format!("{value:.digits$}"))
 }
 

@@ -61,6 +61,7 @@ impl Cav {
         vehicle: &TrafficVehicle,
         road: &Road,
         settings: ControlSettings,
+        tracker: TrackerSettings,
     ) -> Result<Self, RunError> {
         let station = StationId(vehicle.id.0);
         let dimensions = vehicle.dimensions();
@@ -69,7 +70,7 @@ impl Cav {
             id: vehicle.id,
             station,
             initial_lane: lane,
-            tracker: Tracker::new(station, dimensions, TrackerSettings::default()),
+            tracker: Tracker::new(station, dimensions, tracker),
             preferred: Action::KeepLane,
             mapped: Action::KeepLane,
             emergency_stops: 0,
@@ -136,18 +137,20 @@ impl Cav {
         road: &Road,
         own: &Odometry,
     ) -> CollectivePerceptionMessage {
+        self.tracker.message(time_s, &self.own_state(road, own))
+    }
+
+    /// What it tells of itself.
+    pub fn own_state(&self, road: &Road, own: &Odometry) -> OwnState {
         let (action, announced_s) = self.announced;
-        self.tracker.message(
-            time_s,
-            &OwnState {
-                pose: own.state.pose,
-                speed_mps: own.state.speed_mps,
-                accel_mps2: own.accel_mps2,
-                lane: lane_of(road, self.dimensions, own.state.pose),
-                action,
-                announced_s,
-            },
-        )
+        OwnState {
+            pose: own.state.pose,
+            speed_mps: own.state.speed_mps,
+            accel_mps2: own.accel_mps2,
+            lane: lane_of(road, self.dimensions, own.state.pose),
+            action,
+            announced_s,
+        }
     }
 
     /// A behaviour step: the policy's order of the actions, through the safe action mapping

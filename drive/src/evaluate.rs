@@ -1,6 +1,9 @@
-//! The networks on recorded frames with labels.
+//! The networks on recorded frames with labels, and what CAVs know in closed loops.
 
+mod cooperative;
 mod detector;
+mod errors;
+mod fusion;
 mod lanes;
 
 use std::path::{Path, PathBuf};
@@ -8,10 +11,27 @@ use std::path::{Path, PathBuf};
 use covista_perception::PerceiveError;
 use covista_sensors::kitti::KittiError;
 
-pub use detector::{ClassEvaluation, DetectorEvaluation, evaluate_detector};
+pub use cooperative::{
+    CooperativeEvaluation, CooperativeRuns, KnownVehicles, SharingCondition, evaluate_cooperative,
+};
+pub use detector::{
+    Bar, ClassEvaluation, DetectorEvaluation, Hardness, OperatingPoint, RecallBar,
+    evaluate_detector,
+};
+pub use errors::{
+    DataOrigin, ErrorFigures, ErrorFrame, ErrorFrames, FitError, FoundBox, figures_by_distance,
+    fit_errors, perceive_dataset, perceive_scenario,
+};
+pub use fusion::{
+    FusionEvaluation, FusionFigures, GeometryErrors, LaneIndexFigures, Origin, Reliability,
+    evaluate_fusion,
+};
 pub use lanes::{LaneEvaluation, evaluate_lanes};
 
-use crate::recorded::{Lacking, RecordedError};
+use crate::{
+    recorded::{Lacking, RecordedError},
+    run::RunError,
+};
 
 /// Told after each frame: frames done and frames in all.
 pub type Progress<'a> = &'a dyn Fn(usize, usize);
@@ -58,6 +78,14 @@ pub enum EvaluateError {
         "none of the {0} frames with labels has a labelled mark: there is nothing to measure the lane network on"
     )]
     NothingToScore(usize),
+    /// Frames of the scenario's sensors fall between the loop's snapshots.
+    #[error(
+        "perception_period_s is {0}: to be measured in the closed loop it must be a multiple of 0.1 s"
+    )]
+    PerceptionPeriod(f64),
+    /// A closed loop can't be run.
+    #[error(transparent)]
+    Run(#[from] RunError),
     /// A file can't be read.
     #[error("{path}: {reason}")]
     File {

@@ -23,14 +23,21 @@ mod truth;
 
 pub use cause::Cause;
 pub use covista_control::ControlSettings;
+pub use covista_sharing::{ChannelSettings, PoseNoise};
 pub use covista_traffic::{Material, Scenario, Traffic, VehicleKind};
 pub use evaluate::{
-    ClassEvaluation, DetectorEvaluation, EvaluateError, Evaluated, LaneEvaluation, Progress,
-    evaluate_detector, evaluate_lanes,
+    Bar, ClassEvaluation, CooperativeEvaluation, CooperativeRuns, DataOrigin, DetectorEvaluation,
+    ErrorFigures, ErrorFrame, ErrorFrames, EvaluateError, Evaluated, FitError, FoundBox,
+    FusionEvaluation, FusionFigures, GeometryErrors, Hardness, KnownVehicles, LaneEvaluation,
+    LaneIndexFigures, OperatingPoint, Origin, Progress, RecallBar, Reliability, SharingCondition,
+    evaluate_cooperative, evaluate_detector, evaluate_fusion, evaluate_lanes, figures_by_distance,
+    fit_errors, perceive_dataset, perceive_scenario,
 };
 pub use monitor::{CavView, Monitor, TrueBarriers};
 pub use recorded::{FittedPicture, Lacking, RecordedError, calibration_of};
-pub use run::{FocusSnapshot, Observe, RecordError, RunConfig, RunError, Snapshot, run};
+pub use run::{
+    CavSnapshot, FocusSnapshot, Observe, RecordError, RunConfig, RunError, Snapshot, run,
+};
 pub use senses::Senses;
 pub use summary::{CavSummary, RunSummary, StageWallTimes};
 pub use trace::{TRACE_HEADER, TraceRow};

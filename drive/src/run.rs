@@ -1,10 +1,14 @@
-use std::{collections::BTreeMap, error::Error, time::Instant};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    error::Error,
+    time::Instant,
+};
 
 use covista_control::{ControlSettings, SettingsError};
 use covista_perception::PerceiveError;
 use covista_planner::InvalidObservation;
 use covista_sensors::{RayScene, in_line_of_sight};
-use covista_sharing::Channel;
+use covista_sharing::{Channel, ChannelSettings, Delivery, OwnState, TrackerSettings};
 use covista_traffic::{Scenario, ScenarioError, Traffic, VehicleId, VehicleKind};
 use covista_world::{
     Calibration, CollectivePerceptionMessage, ControlInput, FilterOutcome, LaneIndex, LaneMarks,
@@ -38,6 +42,9 @@ pub struct RunConfig {
     pub seed: u64,
     /// Whether the CAVs share what they see and do.
     pub sharing: bool,
+    /// How their messages pass. Their trackers are told how wrong senders may be about their
+    /// poses.
+    pub channel: ChannelSettings,
     /// Simulated seconds.
     pub duration_s: f64,
     /// Assumptions of the promise and comfort of the reference.
@@ -83,8 +90,22 @@ pub struct Snapshot<'a> {
     pub rows: Vec<TraceRow>,
     /// Pairs of CAVs between which messages pass.
     pub links: &'a [(StationId, StationId)],
+    /// Each CAV's own state and percepts.
+    pub cavs: Vec<CavSnapshot<'a>>,
+    /// Who of the CAVs has line of sight to whom, from its LIDAR's place.
+    pub in_sight: &'a BTreeSet<(VehicleId, VehicleId)>,
     /// The CAV whose sensors are shown, at its perception frames.
     pub focus: Option<FocusSnapshot<'a>>,
+}
+
+/// What one CAV tells of itself and perceives.
+pub struct CavSnapshot<'a> {
+    /// The vehicle.
+    pub id: VehicleId,
+    /// What it tells of itself.
+    pub own: OwnState,
+    /// At perception frames, what it perceives, in its vehicle frame.
+    pub percepts: Option<&'a [Percept]>,
 }
 
 /// What one CAV measured and knows.
@@ -99,7 +120,7 @@ pub struct FocusSnapshot<'a> {
     pub percepts: &'a [Percept],
     /// What it knows.
     pub tracks: Vec<Track>,
-    /// The messages of the CAVs within its range.
+    /// The messages that reached it last.
     pub heard: Vec<&'a CollectivePerceptionMessage>,
 }
 
@@ -130,8 +151,8 @@ struct Loop<'a> {
     perception_steps: u64,
     focus: usize,
     sensed: Vec<Sensed>,
-    messages: Vec<CollectivePerceptionMessage>,
-    links: Vec<(StationId, StationId)>,
+    delivery: Delivery,
+    in_sight: BTreeSet<(VehicleId, VehicleId)>,
     tally: Tally,
     start: Instant,
 }
@@ -139,11 +160,15 @@ struct Loop<'a> {
 impl<'a> Loop<'a> {
     fn new(config: &'a RunConfig) -> Result<Self, RunError> {
         let traffic = Traffic::new(&config.scenario, config.seed)?;
+        let tracker = TrackerSettings {
+            pose_noise: config.channel.pose_noise,
+            ..TrackerSettings::default()
+        };
         let cavs: Vec<Cav> = traffic
             .vehicles()
             .iter()
             .filter(|vehicle| vehicle.kind == VehicleKind::Cav)
-            .map(|vehicle| Cav::new(vehicle, traffic.road(), config.control))
+            .map(|vehicle| Cav::new(vehicle, traffic.road(), config.control, tracker))
             .collect::<Result<_, _>>()?;
         let obstacle_lanes: Vec<LaneIndex> = TrueVehicle::all(&traffic)
             .iter()
@@ -161,12 +186,12 @@ impl<'a> Loop<'a> {
             calibration: Calibration::kitti(),
             focus: (cavs.len() - 1) / 2,
             cavs,
-            channel: Channel::default(),
+            channel: Channel::new(config.channel, config.seed),
             monitor: Monitor::new(config.control.safety),
             perception_steps: perception_steps as u64,
             sensed: Vec::new(),
-            messages: Vec::new(),
-            links: Vec::new(),
+            delivery: Delivery::default(),
+            in_sight: BTreeSet::new(),
             tally: Tally::new(obstacle_lanes),
             traffic,
             start: Instant::now(),
@@ -238,20 +263,20 @@ impl<'a> Loop<'a> {
         let start = Instant::now();
         let time_s = self.traffic.time_s();
         let own: Vec<Odometry> = self.cavs.iter().map(|cav| self.odometry(cav.id)).collect();
-        self.messages = self
+        let messages = self
             .cavs
             .iter_mut()
             .zip(&own)
             .map(|(cav, own)| cav.message(time_s, self.traffic.road(), own))
             .collect();
-        let delivery = self.channel.deliver(&self.messages);
+        let delivery = self.channel.exchange(time_s, messages);
         for cav in &mut self.cavs {
             if let Some(inbox) = delivery.inboxes.get(&cav.station) {
-                cav.tracker.receive(time_s, inbox.iter().copied());
+                cav.tracker.receive(time_s, inbox.iter().map(AsRef::as_ref));
             }
         }
         self.tally.bytes_shared += delivery.bytes_sent;
-        self.links = delivery.links;
+        self.delivery = delivery;
         self.tally.stages.sharing_s += start.elapsed().as_secs_f64();
     }
 
@@ -317,6 +342,7 @@ impl<'a> Loop<'a> {
     fn watch_sight(&mut self, time_s: f64, truth: &[TrueVehicle]) {
         let scene = self.traffic.scene();
         let rays = RayScene::new(&scene);
+        self.in_sight.clear();
         for cav in &self.cavs {
             let pose = self.odometry(cav.id).state.pose.to_isometry();
             let sensor = pose * self.calibration.vehicle_from_lidar;
@@ -324,6 +350,9 @@ impl<'a> Loop<'a> {
             for other in truth.iter().filter(|other| other.id != cav.id) {
                 let visible = in_line_of_sight(&scene, &rays, from, cav.id, other.id) > 0.0;
                 self.monitor.sight(cav.id, other.id, visible, time_s);
+                if visible {
+                    self.in_sight.insert((cav.id, other.id));
+                }
                 if visible && other.kind == VehicleKind::Obstacle {
                     self.tally.sees_obstacle(cav.id, time_s);
                 }
@@ -348,28 +377,44 @@ impl<'a> Loop<'a> {
                     .get(self.focus)
                     .map_or(&[], |sensed| sensed.percepts.as_slice()),
                 tracks: cav.tracks(time_s),
-                heard: self
-                    .messages
-                    .iter()
-                    .filter(|message| {
-                        self.links.iter().any(|&(a, b)| {
-                            (a, b) == (cav.station, message.station)
-                                || (b, a) == (cav.station, message.station)
-                        })
-                    })
-                    .collect(),
+                heard: (self
+                    .delivery
+                    .inboxes
+                    .get(&cav.station)
+                    .into_iter()
+                    .flatten())
+                .map(AsRef::as_ref)
+                .collect(),
             }
         });
         let snapshot = Snapshot {
             time_s,
             traffic: &self.traffic,
             rows: self.rows(time_s),
-            links: &self.links,
+            links: &self.delivery.links,
+            cavs: self.cav_snapshots(has_frame),
+            in_sight: &self.in_sight,
             focus,
         };
         observe(&snapshot).map_err(RunError::Record)?;
         self.tally.stages.record_s += start.elapsed().as_secs_f64();
         Ok(())
+    }
+
+    fn cav_snapshots(&self, has_frame: bool) -> Vec<CavSnapshot<'_>> {
+        let road = self.traffic.road();
+        let snapshots = self
+            .cavs
+            .iter()
+            .enumerate()
+            .map(|(index, cav)| CavSnapshot {
+                id: cav.id,
+                own: cav.own_state(road, &self.odometry(cav.id)),
+                percepts: (self.sensed.get(index))
+                    .filter(|_| has_frame)
+                    .map(|sensed| sensed.percepts.as_slice()),
+            });
+        snapshots.collect()
     }
 
     fn rows(&self, time_s: f64) -> Vec<TraceRow> {

@@ -18,6 +18,7 @@ from torch.nn import functional as F
 PILLAR_M = 0.16
 STRIDE = 2
 PADDING = -1e4
+HASH_FACTORS = (0x9E3779B1, 0x85EBCA77, 0xC2B2AE3D, 0x27D4EB2F)
 CLASSES = ("car", "truck")
 BOX_WEIGHTS = (1.0, 1.0, 3.0, 1.0, 1.0, 2.0, 1.0)  # the overlap in 3D fails by height first
 
@@ -97,26 +98,45 @@ class Pillars:
         return pillars
 
 
-def voxelize(points: np.ndarray, detector: Detector) -> Pillars:
-    """Points [N, 4] (x, y, z, reflectance) to pillars, by cell.
+def scrambled(value: np.ndarray) -> np.ndarray:
+    """Brings the upper bits of uint32 down to all others."""
+    value = value ^ (value >> np.uint32(15))
+    value = value * np.uint32(0x2C1B3C6D)
+    return value ^ (value >> np.uint32(12))
 
-    A pillar keeps its first `max_points`; pillars beyond `max_pillars`, in order of their first
-    point, are dropped.
+
+def point_hashes(points: np.ndarray) -> np.ndarray:
+    """A hash, uint32 [N], of the bits of points [N, 4], float32."""
+    bits = np.ascontiguousarray(points, np.float32).view(np.uint32)
+    x, y, z, reflectance = (bits * np.array(HASH_FACTORS, np.uint32)).T
+    return scrambled(x ^ y ^ z ^ reflectance)
+
+
+def voxelize(points: np.ndarray, detector: Detector) -> Pillars:
+    """Points [N, 4] (x, y, z, reflectance) to pillars, in the order of the cells.
+
+    The order of the points makes no difference. A pillar's points come in the order of a hash of
+    their bits, at most `max_points`; of more than `max_pillars` those with the least hash of their
+    cell stay. Rust gives the same bytes.
     """
     ny, nx = detector.grid
     low, high = np.array(detector.range_m[:3], np.float32), np.array(detector.range_m[3:], np.float32)
     points = points[np.all((points[:, :3] >= low) & (points[:, :3] < high), axis=1)]
     cell = ((points[:, :2] - low[:2]) / np.float32(PILLAR_M)).astype(np.int64)
     cell = np.minimum(cell, (nx - 1, ny - 1))
-    order = np.argsort(cell[:, 1] * nx + cell[:, 0], kind="stable")
-    points, cell = points[order], cell[order]
     key = cell[:, 1] * nx + cell[:, 0]
+    place = key.astype(np.uint64) << np.uint64(32) | point_hashes(points)
+    order = np.argsort(place)
+    if np.any(np.diff(place[order]) == 0):  # as good as never
+        bits = np.ascontiguousarray(points).view(np.uint32)
+        order = np.lexsort((*bits.T[::-1], place))
+    points, cell, key = points[order], cell[order], key[order]
     starts = np.flatnonzero(np.diff(key, prepend=-1))
     counts = np.diff(starts, append=len(key))
+    kept = np.arange(len(starts))
     if len(starts) > detector.max_pillars:
-        kept = np.sort(np.argsort(order[starts])[: detector.max_pillars])
-    else:
-        kept = np.arange(len(starts))
+        cell_hashes = scrambled(key[starts].astype(np.uint32) * np.uint32(HASH_FACTORS[0]))
+        kept = np.sort(np.argpartition(cell_hashes, detector.max_pillars)[: detector.max_pillars])
     pillar_of_start = np.full(len(starts), -1)
     pillar_of_start[kept] = np.arange(len(kept))
     rank = np.arange(len(key)) - np.repeat(starts, counts)
@@ -126,8 +146,8 @@ def voxelize(points: np.ndarray, detector: Detector) -> Pillars:
 
     numbers = np.minimum(counts[kept], detector.max_points)
     sums = np.stack([np.bincount(pillar, points[:, i], len(kept)) for i in range(3)], 1)
-    mean = (sums / np.maximum(numbers, 1)[:, None]).astype(np.float32)
-    center = ((cell + 0.5) * PILLAR_M + low[:2]).astype(np.float32)
+    mean = (sums / numbers[:, None]).astype(np.float32)
+    center = (cell.astype(np.float32) + np.float32(0.5)) * np.float32(PILLAR_M) + low[:2]
     offsets = (points[:, :3] - mean[pillar], points[:, :2] - center)
     return Pillars(np.concatenate((points, *offsets), 1), key[starts[kept]], numbers)
 

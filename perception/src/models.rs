@@ -27,6 +27,24 @@ pub enum ModelError {
         /// What the system says.
         source: std::io::Error,
     },
+    /// No card in the folder has that name.
+    #[error("there is no model `{id}` in {folder}: name one of {known}")]
+    Unknown {
+        /// What was asked for.
+        id: String,
+        /// The folder.
+        folder: PathBuf,
+        /// The models that are there.
+        known: String,
+    },
+    /// It is a network for something else.
+    #[error("the model `{id}` is no {expected}: `covista models list` shows what there is")]
+    WrongKind {
+        /// The model.
+        id: String,
+        /// What was asked for.
+        expected: &'static str,
+    },
     /// The ONNX file can't be read.
     #[error(
         "the model {path} can't be read ({source}): restore it from the repository, or train it \
@@ -92,6 +110,28 @@ pub fn list_models(folder: &Path) -> Result<Vec<ModelCard>, ModelError> {
     }
     cards.sort_by(|a, b| a.id.cmp(&b.id));
     Ok(cards)
+}
+
+/// The card of the model `id` in `folder`.
+///
+/// # Errors
+/// There is none, or it is wrong.
+pub fn find_model(folder: &Path, id: &str) -> Result<ModelCard, ModelError> {
+    let path = folder.join(format!("{id}.toml"));
+    if !path.exists() {
+        let known: Vec<String> = list_models(folder)?
+            .into_iter()
+            .map(|card| card.id)
+            .collect();
+        if !known.is_empty() {
+            return Err(ModelError::Unknown {
+                id: id.to_owned(),
+                folder: folder.to_owned(),
+                known: known.join(", "),
+            });
+        }
+    }
+    Ok(ModelCard::load(&path)?)
 }
 
 /// Checks the ONNX file's hash, loads it and compares its inputs and outputs with its card.

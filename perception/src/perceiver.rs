@@ -8,14 +8,13 @@ use covista_world::{
     PointCloud, SensorFrame, Validate,
 };
 
-use crate::card::{CardError, ModelCard, Network, UfldSpec};
 use crate::free_space::free_space;
-use crate::fusion::fuse;
-use crate::lanes::decode::MarkPixels;
-use crate::lanes::{decode, ground, network::LaneNetwork, preprocess::Resize};
+use crate::fusion::{LaneCourse, fuse};
+use crate::ground::Ground;
+use crate::lanes::{decode::FoundMarks, finder::LaneFinder, ground::to_lane_marks};
 use crate::models::{DETECTOR_MODEL, LANE_MODEL, ModelError};
-use crate::pointpillars::{decode::BoxDecoder, network::DetectorNetwork, preprocess::PillarGrid};
-use crate::runtime::{OnnxRuntime, one_line};
+use crate::pointpillars::detector::Detector;
+use crate::runtime::OnnxRuntime;
 
 /// Why a frame can't be perceived; each message is one line.
 #[derive(Debug, thiserror::Error)]
@@ -38,7 +37,7 @@ pub enum PerceiveError {
     #[error("ONNX Runtime fails in {model}: {reason}")]
     Inference {
         /// Id of the model.
-        model: &'static str,
+        model: String,
         /// What ONNX Runtime says.
         reason: String,
     },
@@ -49,6 +48,8 @@ pub enum PerceiveError {
 pub struct FramePercepts {
     /// The lane marks in the image and on the ground.
     pub marks: LaneMarks,
+    /// Where the lanes run; `None` where too little of their marks is seen.
+    pub course: Option<LaneCourse>,
     /// The vehicles, the surest first.
     pub percepts: Vec<Percept>,
     /// How far the way is seen free.
@@ -70,22 +71,11 @@ pub struct StageTimes {
 }
 
 /// Both networks, ready to perceive frame after frame.
+#[derive(Debug)]
 pub struct Perceiver {
-    lanes: LaneStage,
-    detector: DetectorStage,
+    lanes: LaneFinder,
+    detector: Detector,
     side_by_side: bool,
-}
-
-struct LaneStage {
-    spec: UfldSpec,
-    resize: Resize,
-    network: LaneNetwork,
-}
-
-struct DetectorStage {
-    grid: PillarGrid,
-    network: DetectorNetwork,
-    decoder: BoxDecoder,
 }
 
 impl Perceiver {
@@ -95,49 +85,30 @@ impl Perceiver {
     /// # Errors
     /// A model or its card is missing, damaged or doesn't fit.
     pub fn new(runtime: &OnnxRuntime, models: &Path, threads: usize) -> Result<Self, ModelError> {
-        let card = |id: &str| ModelCard::load(&models.join(format!("{id}.toml")));
-        let (lane_card, detector_card) = (card(LANE_MODEL)?, card(DETECTOR_MODEL)?);
-        let side_by_side = threads > 1;
         let detector_threads = threads.saturating_sub(1).max(1);
-        let lanes = match &lane_card.network {
-            Network::Ufld(spec) => LaneStage::open(runtime, &lane_card, spec)?,
-            Network::PointPillars(_) => return Err(wrong_kind(models, &lane_card, "ufld")),
-        };
-        let detector = match &detector_card.network {
-            Network::PointPillars(spec) => DetectorStage {
-                grid: PillarGrid::new(spec),
-                network: DetectorNetwork::open(runtime, &detector_card, spec, detector_threads)?,
-                decoder: BoxDecoder::new(spec),
-            },
-            Network::Ufld(_) => return Err(wrong_kind(models, &detector_card, "pointpillars")),
-        };
         Ok(Self {
-            lanes,
-            detector,
-            side_by_side,
+            lanes: LaneFinder::open(runtime, models, LANE_MODEL, 1)?,
+            detector: Detector::open(runtime, models, DETECTOR_MODEL, detector_threads)?,
+            side_by_side: threads > 1,
         })
     }
 
     /// Width and height of the images that the lane network was trained on, in pixels.
     pub fn image_size_px(&self) -> [u32; 2] {
-        [
-            self.lanes.spec.image_width_px,
-            self.lanes.spec.image_height_px,
-        ]
+        self.lanes.image_size_px()
     }
 
     /// The detector's range in the LIDAR frame in metres: least x, y, z, greatest x, y, z.
     pub fn range_m(&self) -> [f32; 6] {
-        self.detector.grid.range_m()
+        self.detector.range_m()
     }
 
     /// The lane marks in an image.
     ///
     /// # Errors
     /// The image is not valid or of another size, or ONNX Runtime fails.
-    pub fn find_marks(&mut self, image: &CameraImage) -> Result<MarkPixels, PerceiveError> {
-        self.lanes.check(image)?;
-        self.lanes.run(image).map_err(failed(LANE_MODEL))
+    pub fn find_marks(&mut self, image: &CameraImage) -> Result<FoundMarks, PerceiveError> {
+        self.lanes.find_marks(image)
     }
 
     /// The vehicles in a sweep, in the LIDAR frame, the surest first.
@@ -145,8 +116,7 @@ impl Perceiver {
     /// # Errors
     /// The sweep is not valid or ONNX Runtime fails.
     pub fn detect(&mut self, sweep: &PointCloud) -> Result<Vec<Detection3d>, PerceiveError> {
-        check(sweep)?;
-        self.detector.run(sweep).map_err(failed(DETECTOR_MODEL))
+        self.detector.detect(sweep)
     }
 
     /// Perceives one frame; the same frame always gives the same percepts.
@@ -163,30 +133,31 @@ impl Perceiver {
         let Self {
             lanes, detector, ..
         } = self;
-        let mut lanes = || timed(|| lanes.run(&frame.image));
-        let mut detector = || timed(|| detector.run(&frame.points));
-        let ((pixels, lanes_s), (detections, detector_s)) = if self.side_by_side {
+        let mut lanes = || timed(|| lanes.find_marks(&frame.image));
+        let mut detector = || timed(|| detector.detect(&frame.points));
+        let ((found, lanes_s), (detections, detector_s)) = if self.side_by_side {
             std::thread::scope(|scope| {
                 let lanes = scope.spawn(lanes);
                 let detections = detector();
-                let pixels = lanes
+                let found = lanes
                     .join()
                     .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
-                (pixels, detections)
+                (found, detections)
             })
         } else {
             (lanes(), detector())
         };
-        let pixels = pixels.map_err(failed(LANE_MODEL))?;
-        let detections = detections.map_err(failed(DETECTOR_MODEL))?;
-        let ((marks, percepts, free_space), fusion_s) = timed(|| {
-            let marks = ground::to_lane_marks(pixels, calibration);
-            let percepts = fuse(&marks, &detections, calibration);
-            (marks, percepts, free_space(&frame.points, calibration))
+        let (found, detections) = (found?, detections?);
+        let ((marks, fused, free_space), fusion_s) = timed(|| {
+            let ground = Ground::fit(&frame.points, calibration);
+            let marks = to_lane_marks(&found, &ground, calibration);
+            let fused = fuse(&marks, &detections, calibration);
+            (marks, fused, free_space(&frame.points, calibration))
         });
         Ok(FramePercepts {
             marks,
-            percepts,
+            course: fused.course,
+            percepts: fused.percepts,
             free_space,
             timings: StageTimes {
                 lanes_s,
@@ -197,67 +168,8 @@ impl Perceiver {
     }
 }
 
-fn check(payload: &impl Validate) -> Result<(), PerceiveError> {
+pub(crate) fn check(payload: &impl Validate) -> Result<(), PerceiveError> {
     payload.validate().map_err(PerceiveError::Frame)
-}
-
-fn failed(model: &'static str) -> impl Fn(ort::Error) -> PerceiveError {
-    move |error| PerceiveError::Inference {
-        model,
-        reason: one_line(&error.to_string()),
-    }
-}
-
-impl LaneStage {
-    fn open(runtime: &OnnxRuntime, card: &ModelCard, spec: &UfldSpec) -> Result<Self, ModelError> {
-        let network = LaneNetwork::open(runtime, card, spec, 1)?;
-        let image_size = [spec.image_width_px, spec.image_height_px].map(|side| side as usize);
-        Ok(Self {
-            spec: spec.clone(),
-            resize: Resize::new(image_size, network.input_size(), spec.mean, spec.std),
-            network,
-        })
-    }
-
-    fn check(&self, image: &CameraImage) -> Result<(), PerceiveError> {
-        check(image)?;
-        let found = [image.width_px, image.height_px];
-        let expected = [self.spec.image_width_px, self.spec.image_height_px];
-        if found == expected {
-            Ok(())
-        } else {
-            Err(PerceiveError::ImageSize { found, expected })
-        }
-    }
-
-    fn run(&mut self, image: &CameraImage) -> ort::Result<MarkPixels> {
-        let UfldSpec {
-            grid_cells,
-            image_width_px,
-            ..
-        } = self.spec;
-        let input = self.resize.apply(image);
-        self.network.run(input, |logits| {
-            decode::decode(logits, grid_cells, image_width_px)
-        })
-    }
-}
-
-impl DetectorStage {
-    fn run(&mut self, sweep: &PointCloud) -> ort::Result<Vec<Detection3d>> {
-        let pillars = self.grid.apply(sweep);
-        if pillars.coords.is_empty() {
-            return Ok(Vec::new());
-        }
-        self.network.run(pillars, |maps| self.decoder.decode(maps))
-    }
-}
-
-fn wrong_kind(models: &Path, card: &ModelCard, expected: &str) -> ModelError {
-    ModelError::Card(CardError::Malformed {
-        path: models.join(format!("{}.toml", card.id)),
-        reason: format!("its kind is not {expected}"),
-    })
 }
 
 fn timed<T>(work: impl FnOnce() -> T) -> (T, f64) {

@@ -3,7 +3,9 @@
 
 #![allow(clippy::expect_used)]
 
-use covista_perception::{fusion, lanes::ground};
+use covista_perception::{
+    fusion::LaneCourse, ground::Ground, lanes::decode::MarkPixels, lanes::ground,
+};
 use covista_world::{
     Calibration, FrenetPoint, LaneIndex, LaneMarks, ROW_ANCHORS, Road, RoadSegment, Se2Pose,
 };
@@ -43,7 +45,7 @@ fn marks(
 ) -> LaneMarks {
     let calibration = Calibration::kitti();
     let camera_from_vehicle = calibration.vehicle_from_camera.inverse();
-    let pixels = std::array::from_fn(|mark| {
+    let found: MarkPixels = std::array::from_fn(|mark| {
         let d_m = road.mark_offset_m(mark);
         let line: Vec<[f64; 2]> = (0..)
             .map(|step| ego.0 + f64::from(step) * 0.25)
@@ -66,7 +68,7 @@ fn marks(
             (0.0..1242.0).contains(&u).then_some(u as f32)
         })
     });
-    ground::to_lane_marks(pixels, &calibration)
+    ground::to_lane_marks(&found.into(), &Ground::FLAT, &calibration)
 }
 
 #[test]
@@ -84,13 +86,15 @@ fn vehicles_in_a_bend_are_put_into_their_lanes() {
                     5.0 * wave
                 }
             });
+            let course = LaneCourse::fit(&marks.points, &[]).expect("a course");
             for other in LaneIndex::all() {
                 for ahead_m in (-8..50).step_by(4).map(f64::from) {
                     let position = road.from_frenet(FrenetPoint {
                         s_m: s_m + ahead_m,
                         d_m: road.lane_center_m(other),
                     });
-                    match fusion::lane_at(&marks, ego.inverse_transform(position)) {
+                    let found = course.locate(ego.inverse_transform(position));
+                    match Some(found.lane).filter(|_| found.probability > 0.5) {
                         Some(found) if found == other => right += 1,
                         Some(_) => wrong += 1,
                         None => unknown_near += u32::from((-4.0..=36.0).contains(&ahead_m)),

@@ -6,7 +6,8 @@
 use std::path::{Path, PathBuf};
 
 use covista_perception::{
-    FramePercepts, ModelCard, ModelError, OnnxRuntime, Perceiver, list_models, verify_model,
+    Detector, FramePercepts, LaneFinder, ModelCard, ModelError, OnnxRuntime, Perceiver,
+    list_models, verify_model,
 };
 use covista_world::{Calibration, CameraImage, LaneIndex, ObjectClass, PointCloud, SensorFrame};
 use nalgebra::Vector3;
@@ -73,6 +74,106 @@ fn an_empty_sweep_has_no_vehicle() {
     assert!(perceive(&frame(Vec::new()), 1).percepts.is_empty());
 }
 
+fn detector(id: &str) -> Detector {
+    Detector::open(&runtime(), &fixtures(), id, 1).expect("a detector")
+}
+
+#[test]
+fn a_detector_of_the_papers_shape_works_from_its_card_alone() {
+    // Two cars, the second one beside the range of the closed loop's detector.
+    let mut points = vec![[20.0, 3.0, -1.0, 0.4]; 40];
+    points.extend([[50.0, -30.0, -1.0, 0.4]; 3]);
+    let points = PointCloud { points };
+    let mut paper = detector("pointpillars-kitti");
+    assert_eq!(paper.id(), "pointpillars-kitti");
+    let mut found = paper.detect(&points).expect("boxes");
+    found.sort_by(|a, b| a.center_m.x.total_cmp(&b.center_m.x));
+    let expected = [[20.0, 3.0, -0.95], [50.0, -30.0, -0.95]];
+    assert_eq!(found.len(), expected.len());
+    for (found, center) in found.iter().zip(expected) {
+        assert!(
+            (found.center_m - Vector3::from(center)).norm() < 0.25,
+            "{found:?}"
+        );
+    }
+    let near = detector("pointpillars").detect(&points).expect("boxes");
+    assert_eq!(near.len(), 1);
+}
+
+#[test]
+fn less_sure_boxes_come_on_demand_after_the_sure_ones() {
+    let mut detector = detector("pointpillars");
+    let points = PointCloud {
+        points: vec![[20.0, 3.0, -1.0, 0.4]; 40],
+    };
+    let sure = detector.detect(&points).expect("boxes");
+    // Empty cells have a score of 1 / (1 + e^4) = 0.018.
+    let all = detector.detect_down_to(&points, 0.01).expect("boxes");
+    assert_eq!(all[..sure.len()], sure);
+    assert!(all.len() > 20 && all[sure.len()..].iter().all(|found| found.score < 0.02));
+    assert_eq!(detector.detect_down_to(&points, 0.05).expect("boxes"), sure);
+}
+
+#[test]
+fn another_kind_of_network_and_unknown_ones_are_refused_with_what_there_is() {
+    let refused = |id: &str| {
+        let error = Detector::open(&runtime(), &fixtures(), id, 1);
+        error.expect_err("refused").to_string()
+    };
+    assert!(refused("ufld-resnet18").contains("`ufld-resnet18` is no detector"));
+    let message = refused("pointpillars-x");
+    for part in [
+        "pointpillars-x",
+        "pointpillars, pointpillars-kitti, ufld-resnet18",
+    ] {
+        assert!(message.contains(part), "{message}");
+    }
+    let lanes = LaneFinder::open(&runtime(), &fixtures(), "pointpillars", 1);
+    let message = lanes.expect_err("refused").to_string();
+    assert!(message.contains("is no lane network"), "{message}");
+}
+
+#[test]
+fn strange_sweeps_have_an_answer() {
+    let mut detector = detector("pointpillars-kitti");
+    let mut count = |points: Vec<[f32; 4]>| {
+        let found = detector.detect(&PointCloud { points });
+        found.expect("an answer").len()
+    };
+    assert_eq!(count(Vec::new()), 0);
+    assert_eq!(count(vec![[20.0, 3.0, -1.0, 0.4]]), 1);
+    assert_eq!(count(vec![[-20.0, 0.0, -1.0, 0.4]; 9]), 0);
+    let in_one_pillar = |i: u32| [20.0 + 0.1 * (i as f32 / 2e6), 3.0, -1.0, 0.4];
+    assert_eq!(count((0..2_000_000).map(in_one_pillar).collect()), 1);
+    // All over the range and beyond: more pillars than there is room for.
+    let everywhere = |i: u32| {
+        let [x, y, z] = [12.9898, 78.233, 37.719].map(|step: f64| (step * f64::from(i)).fract());
+        [100.0 * x - 10.0, 90.0 * y - 45.0, 5.0 * z - 3.5, z].map(|value| value as f32)
+    };
+    assert!(count((0..2_000_000).map(everywhere).collect()) > 10);
+    let far = vec![[f32::MAX, -f32::MAX, f32::MIN_POSITIVE, 0.0]; 5];
+    assert_eq!(count(far), 0);
+}
+
+#[test]
+fn a_sweep_or_an_image_with_nothing_in_it_has_an_answer() {
+    let mut black = frame(vec![[1.0, 0.0, -1.0, 0.0]]);
+    black.image.rgb.fill(0);
+    assert_eq!(perceive(&black, 1).marks.pixels.len(), 4);
+    let mut detector = detector("pointpillars");
+    for value in [f32::NAN, f32::INFINITY] {
+        for axis in 0..4 {
+            let mut point = [20.0, 3.0, -1.0, 0.4];
+            point[axis] = value;
+            let points = vec![[20.0, 3.0, -1.0, 0.4], point];
+            let error = detector
+                .detect(&PointCloud { points })
+                .expect_err("refused");
+            assert!(error.to_string().contains("point 1"), "{error}");
+        }
+    }
+}
+
 #[test]
 fn frames_that_are_not_valid_are_refused_in_one_line() {
     let mut perceiver = Perceiver::new(&runtime(), &fixtures(), 1).expect("models");
@@ -98,7 +199,7 @@ fn frames_that_are_not_valid_are_refused_in_one_line() {
 fn the_models_of_a_folder_are_listed_and_verified() {
     let cards = list_models(&fixtures()).expect("cards");
     let ids: Vec<_> = cards.iter().map(|card| card.id.as_str()).collect();
-    assert_eq!(ids, ["pointpillars", "ufld-resnet18"]);
+    assert_eq!(ids, ["pointpillars", "pointpillars-kitti", "ufld-resnet18"]);
     for card in &cards {
         verify_model(&runtime(), card).expect("fits its card");
     }

@@ -256,6 +256,7 @@ mod tests {
             time_s: 3.0,
             position_std_m: 0.2,
             velocity_std_mps: 0.5,
+            confidence: 1.0,
             lane: None,
             action: None,
             announced_s: None,

@@ -5,7 +5,7 @@ use covista_world::{Detection3d, LaneIndex, VehicleDimensions};
 use nalgebra::{Point3, Vector3};
 
 use crate::caster::{ObjectRef, RayScene};
-use crate::{LabelledCloud, Viewpoint};
+use crate::{LabelledCloud, SeenVehicle, Viewpoint};
 
 /// A vehicle's true box, in the LIDAR frame.
 #[derive(Debug, Clone, PartialEq)]
@@ -54,22 +54,39 @@ pub fn truth_boxes(view: &Viewpoint, swept: &LabelledCloud) -> Vec<TruthBox> {
 /// Exact detections of the vehicles in line of sight and in the detector's range: perception
 /// without a perception error.
 pub fn truth_detections(view: &Viewpoint) -> Vec<Detection3d> {
-    let eye = view.lidar_position();
     let [range_x_m, range_y_m] = DETECTOR_RANGE_M;
-    let detections = view.others().filter_map(|vehicle| {
+    let seen = seen_vehicles(view, [-range_x_m, -range_y_m, range_x_m, range_y_m]);
+    seen.iter().map(|vehicle| vehicle.truth).collect()
+}
+
+/// The vehicles in line of sight whose centre is in a range of the LIDAR frame in metres: least x
+/// and y, greatest x and y.
+pub fn seen_vehicles(view: &Viewpoint, range_m: [f64; 4]) -> Vec<SeenVehicle> {
+    let eye = view.lidar_position();
+    let [least_x, least_y, most_x, most_y] = range_m;
+    let seen = view.others().filter_map(|vehicle| {
         let truth = true_box(view, vehicle);
-        let in_range = truth.center_m.x.abs() <= range_x_m && truth.center_m.y.abs() <= range_y_m;
-        let seen =
-            in_range && visible_share(view.scene, view.rays, vehicle, eye, view.ego.id) > 0.0;
-        seen.then(|| Detection3d {
-            center_m: truth.center_m,
-            size_m: truth.size_m,
-            yaw_rad: truth.yaw_rad,
-            class: vehicle.model.class(),
-            score: 1.0,
+        let is_in_range = (least_x..=most_x).contains(&truth.center_m.x)
+            && (least_y..=most_y).contains(&truth.center_m.y);
+        let visibility = if is_in_range {
+            visible_share(view.scene, view.rays, vehicle, eye, view.ego.id)
+        } else {
+            0.0
+        };
+        (visibility > 0.0).then(|| SeenVehicle {
+            id: vehicle.id,
+            truth: Detection3d {
+                center_m: truth.center_m,
+                size_m: truth.size_m,
+                yaw_rad: truth.yaw_rad,
+                class: vehicle.model.class(),
+                score: 1.0,
+            },
+            lane: truth.lane,
+            visibility,
         })
     });
-    detections.collect()
+    seen.collect()
 }
 
 /// Share of vehicle `target` that the point `from` (world frame, on vehicle `viewer`) has in line

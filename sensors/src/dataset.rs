@@ -6,6 +6,7 @@ mod error;
 mod folder;
 mod frame;
 mod manifest;
+mod scene_file;
 mod spec;
 mod truth_files;
 
@@ -17,6 +18,7 @@ use rayon::prelude::*;
 
 pub use error::DatasetError;
 pub use manifest::Manifest;
+pub use scene_file::{SceneFile, read_scene};
 pub use spec::{DatasetSpec, Format, Split, TruthFile, lidar_of};
 
 use folder::Folder;

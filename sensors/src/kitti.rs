@@ -9,9 +9,9 @@ use std::path::Path;
 use covista_world::{CameraImage, PointCloud};
 use image::ImageReader;
 
-pub use calibration::{calibration_text, read_calibration};
+pub use calibration::{calibration_text, read_calibration, read_rig};
 pub use folder::{KittiFrame, kitti_frames};
-pub use label::KittiLabel;
+pub use label::{KittiLabel, picture_box_px};
 
 const POINT_BYTES: usize = 16;
 
@@ -73,7 +73,7 @@ pub(crate) fn io_error(path: &Path) -> impl Fn(std::io::Error) -> KittiError {
     }
 }
 
-fn malformed<E: std::fmt::Display>(path: &Path) -> impl Fn(E) -> KittiError {
+pub(crate) fn malformed<E: std::fmt::Display>(path: &Path) -> impl Fn(E) -> KittiError {
     let path = path.display().to_string();
     move |what| KittiError::Malformed {
         path: path.clone(),

@@ -33,6 +33,7 @@ mod sight;
 mod silhouette;
 mod skyline;
 mod solids;
+mod statistical;
 mod sunlight;
 #[cfg(test)]
 mod testing;
@@ -42,18 +43,22 @@ mod tusimple;
 mod viewpoint;
 
 pub use benchmark::{Ground, SensorTimings, busy_road, time_sensors};
-pub use boxes::{TruthBox, in_line_of_sight, truth_boxes, truth_detections};
+pub use boxes::{TruthBox, in_line_of_sight, seen_vehicles, truth_boxes, truth_detections};
 pub use camera::take_picture;
 pub use caster::{Hit, ObjectRef, RayScene, Sighting};
 pub use dataset::{
-    DatasetError, DatasetSpec, Format, Manifest, Split, TruthFile, lidar_of, stop_flag,
-    write_dataset,
+    DatasetError, DatasetSpec, Format, Manifest, SceneFile, Split, TruthFile, lidar_of, read_scene,
+    stop_flag, write_dataset,
 };
 pub use exposure::{Bonnet, CameraSettings};
 pub use lidar::{Beam, LabelledCloud, Lidar, LidarError, Motion, PointLabel};
 pub use marks::{MarkTruth, true_marks};
 pub use mcap::{McapError, write_mcap};
 pub use rig::{Rig, sample_rig};
+pub use statistical::{
+    DrawnBox, ErrorModel, ErrorModelError, ErrorSource, FalseBoxRate, FalseBoxes, LaneErrors,
+    LaneShares, Lasting, Observer, QUANTILE_SHARES, Quantiles, SeenVehicle, VehicleErrors,
+};
 pub use truth_images::{TruthImages, instance_number, take_truth_images};
 pub use tusimple::{MarkPixels, read_tusimple_line, tusimple_line};
 pub use viewpoint::Viewpoint;

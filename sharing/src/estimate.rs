@@ -28,6 +28,8 @@ pub(crate) struct Measurement {
     /// Length, width, height.
     pub size_m: Vector3<f64>,
     pub class: ObjectClass,
+    /// How sure the station is that it exists, in [0, 1].
+    pub score: f64,
     /// The station's own estimate of the velocity and its standard deviation; it only starts a
     /// filter, for it is made of the same positions that are reported one by one.
     pub velocity: Option<(Vector2<f64>, f64)>,
@@ -184,6 +186,12 @@ impl Estimate {
         self.window.last()
     }
 
+    /// Mean score of the recent measurements.
+    pub fn mean_score(&self) -> f64 {
+        let sum: f64 = self.window.iter().map(|z| z.score).sum();
+        sum / self.window.len().max(1) as f64
+    }
+
     /// Takes up a measurement; one that is known already, or too old to be put in its place,
     /// changes nothing.
     pub fn add(&mut self, z: Measurement, settings: &TrackerSettings) {
@@ -243,6 +251,7 @@ mod tests {
             yaw_rad: 0.0,
             size_m: Vector3::new(4.6, 1.9, 1.5),
             class: ObjectClass::Car,
+            score: 0.7,
             velocity: None,
         }
     }

@@ -36,21 +36,7 @@ pub(crate) struct SelfReport {
     lane: LaneIndex,
     action: Action,
     announced_s: f64,
-}
-
-impl From<&CollectivePerceptionMessage> for SelfReport {
-    fn from(message: &CollectivePerceptionMessage) -> Self {
-        Self {
-            time_s: message.time_s,
-            center: message.dimensions.center_pose(message.pose),
-            speed_mps: message.speed_mps,
-            accel_mps2: message.accel_mps2,
-            dimensions: message.dimensions,
-            lane: message.lane,
-            action: message.action,
-            announced_s: message.announced_s,
-        }
-    }
+    position_std_m: f64,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -224,19 +210,35 @@ impl KnownObject {
         (self.sightings.iter()).any(|(&station, &s)| station != own && s > since_s)
     }
 
-    /// Whether it is still worth knowing: heard, or measured not too long ago. An object that
-    /// stood still is kept longer, because what is parked does not vanish out of sight.
-    pub fn is_alive(&self, now_s: f64, settings: &TrackerSettings) -> bool {
+    /// After this time without a measurement it is forgotten. An object that stood still is kept
+    /// longer, because what is parked does not vanish out of sight.
+    fn forget_s(&self, settings: &TrackerSettings) -> f64 {
         let stands = self
             .fused
             .as_ref()
             .is_some_and(|estimate| estimate.belief().stands());
-        let forget_s = if stands {
+        if stands {
             settings.forget_standing_s
         } else {
             settings.forget_moving_s
+        }
+    }
+
+    /// Confidence that it is there at `now_s`, in [0, 1]: that of who measured it lately, 1 of a
+    /// vehicle's own word, and less the nearer it is to being forgotten.
+    fn confidence(&self, now_s: f64, settings: &TrackerSettings) -> f64 {
+        let measured = match (self.fresh_report(now_s, settings), &self.fused) {
+            (Some(_), _) => 1.0,
+            (None, Some(fused)) => fused.mean_score(),
+            (None, None) => 0.0,
         };
-        now_s - self.measured_s() <= forget_s
+        let age_s = now_s - self.measured_s();
+        measured * (1.0 - age_s / self.forget_s(settings)).clamp(0.0, 1.0)
+    }
+
+    /// Whether it is still worth knowing: heard, or measured not too long ago.
+    pub fn is_alive(&self, now_s: f64, settings: &TrackerSettings) -> bool {
+        now_s - self.measured_s() <= self.forget_s(settings)
             && (self.fused.is_some() || self.fresh_report(now_s, settings).is_some())
     }
 
@@ -304,6 +306,7 @@ impl KnownObject {
             time_s: now_s,
             position_std_m: measured.position_std_m(),
             velocity_std_mps: measured.velocity_std_mps,
+            confidence: self.confidence(now_s, settings),
             lane: self.lane(own, now_s, settings),
             action: report.map(|report| report.action),
             announced_s: report.map(|report| report.announced_s),
@@ -344,6 +347,20 @@ impl KnownObject {
 }
 
 impl SelfReport {
+    pub fn new(message: &CollectivePerceptionMessage, settings: &TrackerSettings) -> Self {
+        Self {
+            time_s: message.time_s,
+            center: message.dimensions.center_pose(message.pose),
+            speed_mps: message.speed_mps,
+            accel_mps2: message.accel_mps2,
+            dimensions: message.dimensions,
+            lane: message.lane,
+            action: message.action,
+            announced_s: message.announced_s,
+            position_std_m: REPORT_STD.hypot(settings.pose_noise.position_std_m),
+        }
+    }
+
     pub fn time_s(&self) -> f64 {
         self.time_s
     }
@@ -359,7 +376,7 @@ impl SelfReport {
         let speed_mps = (self.speed_mps + self.accel_mps2 * dt).max(0.0);
         let travelled_m = 0.5 * (self.speed_mps + speed_mps) * dt;
         let velocity_std_mps = REPORT_STD + REPORT_ACCEL_STD_MPS2 * dt.abs();
-        let position_std_m = REPORT_STD + 0.5 * REPORT_ACCEL_STD_MPS2 * dt * dt;
+        let position_std_m = self.position_std_m + 0.5 * REPORT_ACCEL_STD_MPS2 * dt * dt;
         Knowledge {
             state: ObjectState {
                 center: self.center.compose(Se2Pose::new(travelled_m, 0.0, 0.0)),

@@ -1,5 +1,7 @@
 use serde::{Deserialize, Serialize};
 
+use crate::PoseNoise;
+
 /// How a [`crate::Tracker`] weighs and forgets.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -29,6 +31,9 @@ pub struct TrackerSettings {
     pub certain_view_misses: u32,
     /// Messages older than this are refused.
     pub oldest_message_s: f64,
+    /// By how much other stations are taken to be wrong about their own poses: it adds to the
+    /// standard deviation of whatever they report.
+    pub pose_noise: PoseNoise,
 }
 
 impl Default for TrackerSettings {
@@ -46,6 +51,7 @@ impl Default for TrackerSettings {
             certain_view_m: 25.0,
             certain_view_misses: 3,
             oldest_message_s: 1.0,
+            pose_noise: PoseNoise::default(),
         }
     }
 }

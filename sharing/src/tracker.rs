@@ -197,7 +197,7 @@ impl Tracker {
     }
 
     fn take_report(&mut self, message: &CollectivePerceptionMessage) {
-        let report = SelfReport::from(message);
+        let report = SelfReport::new(message, &self.settings);
         let said = report.at(report.time_s());
         let known = self
             .objects
@@ -239,7 +239,7 @@ impl Tracker {
             }
             let (lanes, measurements): (Vec<_>, Vec<_>) = frame
                 .iter()
-                .map(|object| (object.lane, shared_measurement(message.station, object)))
+                .map(|object| (object.lane, self.shared_measurement(message, object)))
                 .filter(|(_, z)| !self.own_path.shows(z.time_s, &body_of(z)))
                 .unzip();
             let matches = self.matches(&measurements);
@@ -367,22 +367,31 @@ impl Tracker {
             yaw_rad: wrap_angle(pose.yaw_rad + detection.yaw_rad),
             size_m: detection.size_m,
             class: detection.class,
+            score: detection.score,
             velocity: None,
         }
     }
-}
 
-fn shared_measurement(station: StationId, object: &PerceivedObject) -> Measurement {
-    let state = &object.state;
-    Measurement {
-        time_s: object.measured_s,
-        station,
-        position: state.center.position(),
-        position_std_m: object.position_std_m,
-        yaw_rad: state.center.yaw_rad,
-        size_m: Vector3::new(state.length_m, state.width_m, state.height_m),
-        class: state.class,
-        velocity: Some((state.velocity_mps, object.velocity_std_mps)),
+    fn shared_measurement(
+        &self,
+        message: &CollectivePerceptionMessage,
+        object: &PerceivedObject,
+    ) -> Measurement {
+        let state = &object.state;
+        let position = state.center.position();
+        let distance_m = (position - message.pose.position()).norm();
+        let sender_std_m = self.settings.pose_noise.position_std_at_m(distance_m);
+        Measurement {
+            time_s: object.measured_s,
+            station: message.station,
+            position,
+            position_std_m: object.position_std_m.hypot(sender_std_m),
+            yaw_rad: state.center.yaw_rad,
+            size_m: Vector3::new(state.length_m, state.width_m, state.height_m),
+            class: state.class,
+            score: object.confidence,
+            velocity: Some((state.velocity_mps, object.velocity_std_mps)),
+        }
     }
 }
 

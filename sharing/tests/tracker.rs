@@ -1,7 +1,7 @@
 //! The tracker as a vehicle uses it: frames in, messages in, tracks out.
 #![cfg(test)]
 
-use covista_sharing::{Channel, OwnState, Tracker, TrackerSettings};
+use covista_sharing::{Channel, ChannelSettings, OwnState, PoseNoise, Tracker, TrackerSettings};
 use covista_world::{
     Action, CollectivePerceptionMessage, Detection3d, LaneIndex, ObjectClass, Percept, Road,
     RoadSegment, Se2Pose, StationId, Track, VehicleDimensions,
@@ -36,6 +36,7 @@ fn percept(pose: Se2Pose, center: Vector2<f64>, lane: Option<LaneIndex>) -> Perc
             score: 0.7,
         },
         lane,
+        lane_probability: 1.0,
         distance_m: local.norm(),
         observation_angle_rad: 0.0,
         rotation_y_rad: 0.0,
@@ -186,6 +187,7 @@ fn objects_of_others_are_not_broadcast_as_own() {
 #[test]
 fn a_vehicle_does_not_find_itself_in_what_others_see() {
     let (mut ahead, mut behind) = (tracker(1), tracker(2));
+    let mut channel = Channel::new(ChannelSettings::default(), 0);
     for i in 0..8 {
         let t = FRAME_S * f64::from(i);
         let poses = [at(30.0 + 14.0 * t, 0.0), at(14.0 * t, 0.0)];
@@ -194,13 +196,13 @@ fn a_vehicle_does_not_find_itself_in_what_others_see() {
         behind.observe(t, poses[1], 14.0, &[percept(poses[1], centers[0], None)]);
         let later = t + 0.2;
         let now = [at(30.0 + 14.0 * later, 0.0), at(14.0 * later, 0.0)];
-        let messages = [
+        let messages = vec![
             ahead.message(later, &own(now[0], 14.0)),
             behind.message(later, &own(now[1], 14.0)),
         ];
-        let delivery = Channel::default().deliver(&messages);
-        ahead.receive(later, delivery.inboxes[&StationId(1)].iter().copied());
-        behind.receive(later, delivery.inboxes[&StationId(2)].iter().copied());
+        let inboxes = channel.exchange(later, messages).inboxes;
+        ahead.receive(later, inboxes[&StationId(1)].iter().map(AsRef::as_ref));
+        behind.receive(later, inboxes[&StationId(2)].iter().map(AsRef::as_ref));
         let tracks = behind.tracks(later);
         assert_eq!(tracks.len(), 1, "frame {i}: {tracks:?}");
         assert_eq!(tracks[0].station, Some(StationId(1)));
@@ -350,6 +352,7 @@ fn in_a_bend_with_a_poor_detector_everybody_knows_everybody_once() {
     let mut rng = ChaCha8Rng::seed_from_u64(11);
     let noise = Normal::new(0.0, 0.25).expect("a distribution");
     let mut trackers: Vec<Tracker> = (0..6).map(tracker).collect();
+    let mut channel = Channel::new(ChannelSettings::default(), 0);
     let (mut missing, mut extra, mut checked) = (0, 0, 0);
     let mut parked_ids = std::collections::BTreeSet::new();
     for step in 0..28 {
@@ -384,9 +387,10 @@ fn in_a_bend_with_a_poor_detector_everybody_knows_everybody_once() {
             .enumerate()
             .map(|(k, tracker)| tracker.message(t, &own(SEDAN.axle_pose(place(k, t)), 13.0)))
             .collect();
-        let delivery = Channel::default().deliver(&messages);
+        let inboxes = channel.exchange(t, messages).inboxes;
         for (k, tracker) in trackers.iter_mut().enumerate() {
-            tracker.receive(t, delivery.inboxes[&StationId(k as u32)].iter().copied());
+            let inbox = &inboxes[&StationId(k as u32)];
+            tracker.receive(t, inbox.iter().map(AsRef::as_ref));
             if step < 3 {
                 continue;
             }
@@ -418,4 +422,90 @@ fn in_a_bend_with_a_poor_detector_everybody_knows_everybody_once() {
     assert!(missing * 200 <= checked, "{missing} of {checked} missing");
     assert!(extra * 200 <= checked, "{extra} extra in {checked}");
     assert_eq!(parked_ids.len(), 12, "{parked_ids:?}");
+}
+
+#[test]
+fn what_arrives_late_is_carried_on_to_now() {
+    let mut channel = Channel::new(
+        ChannelSettings {
+            latency_s: 0.3,
+            ..ChannelSettings::default()
+        },
+        0,
+    );
+    let (mut sender, mut receiver) = (tracker(1), tracker(2));
+    let truth = |t: f64| [at(14.0 * t, 0.0), at(40.0 + 10.0 * t, 3.5)];
+    for tick in 0..40_u32 {
+        let t = 0.1 * f64::from(tick);
+        let [pose, other] = truth(t);
+        if tick % 5 == 0 {
+            sender.observe(t, pose, 14.0, &[percept(pose, other.position(), None)]);
+        }
+        let far = at(-50.0, -3.5);
+        let messages = vec![
+            sender.message(t, &own(pose, 14.0)),
+            receiver.message(t, &own(far, 0.0)),
+        ];
+        let inbox = &channel.exchange(t, messages).inboxes[&StationId(2)];
+        receiver.receive(t, inbox.iter().map(AsRef::as_ref));
+    }
+    let now_s = 3.9;
+    let tracks = receiver.tracks(now_s);
+    let [pose, other] = truth(now_s);
+    for place in [SEDAN.center_pose(pose), other] {
+        let track = nearest(&tracks, place.position());
+        let error = track.state.center.position() - place.position();
+        assert!(error.norm() < 0.05, "{error}");
+    }
+    assert_eq!(tracks.len(), 2);
+    assert!((nearest(&tracks, pose.position()).measured_s() - 3.6).abs() < 1e-9);
+}
+
+#[test]
+fn who_may_be_wrong_about_its_pose_is_believed_less() {
+    let parked = Vector2::new(60.0, 3.5);
+    let pose = at(0.0, 0.0);
+    let message = observer(1, pose, &[parked], 3).message(1.0, &own(pose, 0.0));
+    let std_with = |pose_noise: PoseNoise| {
+        let settings = TrackerSettings {
+            pose_noise,
+            ..TrackerSettings::default()
+        };
+        let mut tracker = Tracker::new(StationId(2), SEDAN, settings);
+        tracker.receive(1.0, [&message]);
+        let tracks = tracker.tracks(1.0);
+        [parked, SEDAN.center_pose(pose).position()]
+            .map(|place| nearest(&tracks, place).position_std_m)
+    };
+    let [seen, sender] = std_with(PoseNoise::default());
+    let [seen_noisily, noisy_sender] = std_with(PoseNoise {
+        position_std_m: 0.2,
+        yaw_std_rad: 0.01,
+    });
+    // 0.01 rad at 60 m are 0.6 m more.
+    let expected = (seen.powi(2) + 0.2_f64.powi(2) + 0.6_f64.powi(2)).sqrt();
+    assert!(
+        (seen_noisily - expected).abs() < 0.01,
+        "{seen_noisily} {expected}"
+    );
+    assert!((noisy_sender - sender.hypot(0.2)).abs() < 1e-9);
+}
+
+#[test]
+fn confidence_is_that_of_the_detections_and_falls_until_it_is_forgotten() {
+    let parked = Vector2::new(30.0, 0.0);
+    let pose = at(0.0, 0.0);
+    let mut tracker = observer(1, pose, &[parked], 4);
+    let confidence = |tracker: &Tracker, t: f64| tracker.tracks(t)[0].confidence;
+    assert!((confidence(&tracker, 1.5) - 0.7).abs() < 1e-9);
+    // It stands, and is kept for ten seconds.
+    assert!((confidence(&tracker, 6.5) - 0.35).abs() < 1e-9);
+    let message =
+        observer(2, parked_axle(parked), &[], 1).message(1.5, &own(parked_axle(parked), 0.0));
+    tracker.receive(1.5, [&message]);
+    assert!((confidence(&tracker, 1.5) - 1.0).abs() < 1e-9);
+}
+
+fn parked_axle(center: Vector2<f64>) -> Se2Pose {
+    SEDAN.axle_pose(at(center.x, center.y))
 }

@@ -3,7 +3,11 @@
 //! - `workspace`: the dependency rule of ARCHITECTURE.md, read off the Cargo.toml files;
 //! - `demo`: the obstacle-at-corner demo through the binary;
 //! - `dataset`: data sets written, stopped and read, recorded frames, and bad ones;
+//! - `fusion`: the lanes of vehicles, measured on a data set with its truth;
+//! - `networks`: one network of the folder on recorded frames, and what it says of strange ones;
 //! - `bench`: the benchmarks, their table and rows;
+//! - `cooperative`: what CAVs know alone and with sharing, on exact percepts;
+//! - `statistical`: the error model against the networks, and in the closed loop;
 //! - `errors`: bad input, one clear line and exit code 2.
 
 #![allow(
@@ -14,7 +18,11 @@
 
 mod bench;
 mod binary;
+mod cooperative;
 mod dataset;
 mod demo;
 mod errors;
+mod fusion;
+mod networks;
+mod statistical;
 mod workspace;

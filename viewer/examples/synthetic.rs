@@ -265,6 +265,7 @@ fn focus_frame(road: &Road, run: &RunSeries, step: usize) -> FocusFrame {
             time_s,
             position_std_m: 0.3,
             velocity_std_mps: 0.3,
+            confidence: 1.0,
             lane: None,
             action: None,
             announced_s: None,

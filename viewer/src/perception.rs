@@ -278,6 +278,7 @@ mod tests {
             time_s: 10.0,
             position_std_m: 0.2,
             velocity_std_mps: 0.2,
+            confidence: 1.0,
             lane: None,
             action: None,
             announced_s: None,

@@ -27,7 +27,9 @@ pub use calibration::{Calibration, CalibrationError, CameraIntrinsics};
 pub use dimensions::{ObjectClass, VehicleDimensions};
 pub use geometry::{Se2Pose, wrap_angle};
 pub use lane::{LANE_COUNT, LaneIndex};
-pub use percept::{Detection3d, LaneMarks, MARK_COUNT, MarkCurve, Percept, ROW_ANCHORS, RowAnchor};
+pub use percept::{
+    Detection3d, LaneMarks, MARK_COUNT, MarkCurve, MarkPoint, Percept, ROW_ANCHORS, RowAnchor,
+};
 pub use road::{FrenetPoint, FrenetPose, Road, RoadError, RoadSegment};
 pub use sensing::{CameraImage, FreeSpace, PointCloud, SensorFrame};
 pub use sharing::{

@@ -1,4 +1,4 @@
-use nalgebra::Vector3;
+use nalgebra::{Vector2, Vector3};
 
 use crate::{LaneIndex, ObjectClass};
 
@@ -26,9 +26,20 @@ pub struct LaneMarks {
     /// For each mark of the road, counted from the left edge line, its u in pixels at each of the
     /// [`ROW_ANCHORS`], where it is seen.
     pub pixels: [[Option<f32>; ROW_ANCHORS.len()]; MARK_COUNT],
+    /// For each mark the points on the ground at which it is seen, the farthest first.
+    pub points: [Vec<MarkPoint>; MARK_COUNT],
     /// For each mark the curve y(x) = c0 + c1 x + c2 x^2 on the ground in the vehicle frame, in
     /// metres, where enough of it is seen.
     pub curves: [Option<MarkCurve>; MARK_COUNT],
+}
+
+/// A point of a lane mark on the ground.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MarkPoint {
+    /// Where it is in the vehicle frame, in metres.
+    pub position_m: Vector2<f64>,
+    /// Standard deviation across the road, in metres.
+    pub std_m: f64,
 }
 
 /// A lane mark on the ground: y(x) = c0 + c1 x + c2 x^2 in the vehicle frame.
@@ -70,6 +81,8 @@ pub struct Percept {
     pub detection: Detection3d,
     /// Its lane, from the camera's lane marks; `None` where it can't be known.
     pub lane: Option<LaneIndex>,
+    /// Probability that it is in `lane`, or where that is `None` in the likeliest of the lanes.
+    pub lane_probability: f64,
     /// Distance from the sensor in the ground plane, in metres.
     pub distance_m: f64,
     /// KITTI's observation angle alpha in (-pi, pi].

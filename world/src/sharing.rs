@@ -95,6 +95,8 @@ pub struct Track {
     pub position_std_m: f64,
     /// Standard deviation of the velocity in m/s, at its newest measurement.
     pub velocity_std_mps: f64,
+    /// Confidence that it exists, in [0, 1].
+    pub confidence: f64,
     /// Its lane index by vision, own or shared; `None` where it can't be known.
     pub lane: Option<LaneIndex>,
     /// The action that it announced, where it is a CAV.

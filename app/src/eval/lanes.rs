@@ -1,19 +1,21 @@
 use anyhow::bail;
 use covista_drive::{FittedPicture, evaluate_lanes};
-use covista_perception::{LANE_MODEL, Perceiver};
+use covista_perception::{LANE_MODEL, LaneFinder};
 use covista_sensors::kitti::KittiFrame;
 use covista_world::ROW_ANCHORS;
 
 use super::{lacking, report, with_bar, without_labels};
 use crate::{
-    cli::RecordedArgs,
-    frames::{perceiver, recorded_frames},
+    cli::NetworkArgs,
+    frames::{lane_finder, recorded_frames},
     output::{prepare_file, say},
     table::aligned,
 };
 
 /// `covista eval lanes`.
-pub(super) fn run(args: &RecordedArgs) -> anyhow::Result<()> {
+pub(super) fn run(args: &NetworkArgs) -> anyhow::Result<()> {
+    let model = args.model.as_deref().unwrap_or(LANE_MODEL);
+    let args = &args.recorded;
     if let Some(json) = &args.json {
         prepare_file(json)?;
     }
@@ -22,34 +24,38 @@ pub(super) fn run(args: &RecordedArgs) -> anyhow::Result<()> {
         args.calibration.as_deref(),
         args.labels.as_deref(),
     )?;
-    let mut perceiver = perceiver(args.models.as_deref())?;
+    let mut finder = lane_finder(args.models.as_deref(), model)?;
     if let [frame] = &*frames
         && args.data.is_file()
     {
-        print_marks(frame, &mut perceiver)?;
+        print_marks(frame, &mut finder)?;
         if frame.lanes.is_none() {
             return without_labels(args, "lanes");
         }
     }
-    let evaluated = with_bar(|progress| evaluate_lanes(&frames, &mut perceiver, progress))?;
+    let evaluated = with_bar(|progress| evaluate_lanes(&frames, &mut finder, progress))?;
     let figures = &evaluated.figures;
     say(&format!(
-        "{LANE_MODEL} on {} frames{}: TuSimple accuracy {:.2} %, UFLD's variant {:.2} %",
+        "{model} on {} frames{}: TuSimple accuracy {:.2} %, UFLD's variant {:.2} %, the paper's \
+         {:.2} %; false positives {:.2} %, false negatives {:.2} %",
         evaluated.frames,
         lacking(&evaluated.lacking),
         figures.accuracy_tusimple,
-        figures.accuracy_ufld
+        figures.accuracy_ufld,
+        figures.accuracy_paper,
+        figures.false_positive,
+        figures.false_negative
     ))?;
     let rows = vec![figures.clone()];
-    report(args, "eval lanes", LANE_MODEL, &evaluated, rows)
+    report(args, "eval lanes", model, &evaluated, rows)
 }
 
 /// The marks found in a single picture, as its own pixels.
-fn print_marks(frame: &KittiFrame, perceiver: &mut Perceiver) -> anyhow::Result<()> {
-    let Some(picture) = FittedPicture::read(frame, perceiver.image_size_px())? else {
+fn print_marks(frame: &KittiFrame, finder: &mut LaneFinder) -> anyhow::Result<()> {
+    let Some(picture) = FittedPicture::read(frame, finder.image_size_px())? else {
         bail!("the lane network needs a picture: name a .png or .jpg");
     };
-    let marks = perceiver.find_marks(&picture.image)?;
+    let marks = finder.find_marks(&picture.image)?.pixels;
     let mut rows = vec![Vec::new()];
     rows[0].extend((0..marks.len()).map(|mark| format!("mark_{mark}_px")));
     for (index, anchor) in ROW_ANCHORS.iter().enumerate() {

@@ -115,6 +115,7 @@ impl Other {
             time_s,
             position_std_m: 0.0,
             velocity_std_mps: 0.0,
+            confidence: 1.0,
             lane: road.lane_at(self.d_m),
             action: self.action,
             announced_s: self.announced_s,

@@ -53,6 +53,7 @@ fn track_of(vehicle: &TrueVehicle, error_m: f64) -> Track {
         time_s: 10.0,
         position_std_m: 0.2,
         velocity_std_mps: 0.3,
+        confidence: 1.0,
         lane: None,
         action: None,
         announced_s: None,

@@ -5,6 +5,26 @@ use covista_world::{MARK_COUNT, ROW_ANCHORS};
 /// For each mark its u in pixels at each row anchor, where it is seen.
 pub type MarkPixels = [[Option<f32>; ROW_ANCHORS.len()]; MARK_COUNT];
 
+/// Marks as the network finds them, and how sure it is of each place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FoundMarks {
+    /// Where they are seen.
+    pub pixels: MarkPixels,
+    /// Standard deviation, in pixels, of the cells that the network deems likely; 0 where the mark
+    /// is not seen.
+    pub spread_px: [[f32; ROW_ANCHORS.len()]; MARK_COUNT],
+}
+
+impl From<MarkPixels> for FoundMarks {
+    /// Marks without any doubt.
+    fn from(pixels: MarkPixels) -> Self {
+        Self {
+            pixels,
+            spread_px: Default::default(),
+        }
+    }
+}
+
 /// For each mark the pixels (u, v) at which it is seen, from the top.
 pub type MarkPoints = [Vec<[f64; 2]>; MARK_COUNT];
 
@@ -20,29 +40,37 @@ pub fn mark_points(pixels: &MarkPixels) -> MarkPoints {
 /// Decodes logits [`grid_cells` + 1, row anchors, marks], the last cell being "none".
 ///
 /// Where "none" is not the largest logit, u is `(E + 0.5) * image_width_px / grid_cells` with the
-/// expectation E of the cell's index over the softmax of the cells.
-pub fn decode(logits: &[f32], grid_cells: usize, image_width_px: u32) -> MarkPixels {
+/// expectation E of the cell's index over the softmax of the cells, and its spread the softmax's
+/// standard deviation.
+pub fn decode(logits: &[f32], grid_cells: usize, image_width_px: u32) -> FoundMarks {
     let cell_px = f64::from(image_width_px) / grid_cells as f64;
-    std::array::from_fn(|mark| {
-        std::array::from_fn(|row| {
-            let logit = |cell: usize| {
-                f64::from(logits[(cell * ROW_ANCHORS.len() + row) * MARK_COUNT + mark])
-            };
-            let largest = (0..grid_cells).map(logit).fold(f64::NEG_INFINITY, f64::max);
-            // Not finite where the network's output isn't: nothing is seen then.
-            if !largest.is_finite() || logit(grid_cells) >= largest {
-                return None;
-            }
-            let (mut total, mut moment) = (0.0, 0.0);
-            for cell in 0..grid_cells {
-                let weight = (logit(cell) - largest).exp();
-                total += weight;
-                moment += weight * cell as f64;
-            }
-            let u_px = (moment / total + 0.5) * cell_px;
-            u_px.is_finite().then_some(u_px as f32)
-        })
-    })
+    let place = |mark: usize, row: usize| {
+        let logit =
+            |cell: usize| f64::from(logits[(cell * ROW_ANCHORS.len() + row) * MARK_COUNT + mark]);
+        let largest = (0..grid_cells).map(logit).fold(f64::NEG_INFINITY, f64::max);
+        // Not finite where the network's output isn't: nothing is seen then.
+        if !largest.is_finite() || logit(grid_cells) >= largest {
+            return None;
+        }
+        let (mut total, mut moment, mut square) = (0.0, 0.0, 0.0);
+        for cell in 0..grid_cells {
+            let weight = (logit(cell) - largest).exp();
+            total += weight;
+            moment += weight * cell as f64;
+            square += weight * (cell as f64).powi(2);
+        }
+        let mean = moment / total;
+        let u_px = (mean + 0.5) * cell_px;
+        let spread_px = (square / total - mean * mean).max(0.0).sqrt() * cell_px;
+        u_px.is_finite().then_some((u_px as f32, spread_px as f32))
+    };
+    let places: [[Option<(f32, f32)>; ROW_ANCHORS.len()]; MARK_COUNT] =
+        std::array::from_fn(|mark| std::array::from_fn(|row| place(mark, row)));
+    FoundMarks {
+        pixels: places.map(|mark| mark.map(|place| place.map(|(u_px, _)| u_px))),
+        spread_px: places
+            .map(|mark| mark.map(|place| place.map_or(0.0, |(_, spread_px)| spread_px))),
+    }
 }
 
 #[cfg(test)]
@@ -66,21 +94,25 @@ mod tests {
             (CELLS, _, _) => 10.0,
             _ => -50.0,
         });
-        let pixels = decode(&logits, CELLS, 1242);
+        let FoundMarks { pixels, spread_px } = decode(&logits, CELLS, 1242);
         let u = pixels[2][3].expect("seen");
         assert!((f64::from(u) - (40.25 + 0.5) * 12.42).abs() < 1e-3, "{u}");
+        let spread = f64::from(spread_px[2][3]);
+        assert!((spread - 12.42 * (3.0_f64 / 16.0).sqrt()).abs() < 1e-3);
+        assert!(spread_px[2][4].abs() < 1e-9);
         assert_eq!(pixels.iter().flatten().flatten().count(), 1);
     }
 
     #[test]
     fn what_is_not_finite_is_not_seen() {
-        let pixels = decode(&logits(|_, _, _| f32::NAN), CELLS, 1242);
+        let pixels = decode(&logits(|_, _, _| f32::NAN), CELLS, 1242).pixels;
         assert!(pixels.iter().flatten().all(Option::is_none));
         let pixels = decode(
             &logits(|cell, _, _| if cell == 7 { f32::INFINITY } else { 0.0 }),
             CELLS,
             1242,
-        );
+        )
+        .pixels;
         assert!(pixels.iter().flatten().all(Option::is_none));
     }
 }

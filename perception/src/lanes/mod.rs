@@ -1,7 +1,8 @@
 //! Lane marks from the camera's image: [`preprocess`], [`network`], [`decode`], [`ground`]; from
-//! photographs of other cameras by way of [`view`].
+//! photographs of other cameras by way of [`view`]. [`finder`] goes from image to marks.
 
 pub mod decode;
+pub mod finder;
 pub mod ground;
 pub mod network;
 pub mod preprocess;

@@ -10,12 +10,13 @@ use super::nms::suppress;
 use crate::card::PointPillarsSpec;
 
 /// Boxes that enter non-maximum suppression, best first; a sound network gives far fewer.
-const MAX_CANDIDATES: usize = 500;
-/// Boxes of one frame, best first: more vehicles do not fit into the range on three lanes.
-const MAX_BOXES: usize = 50;
+const MAX_CANDIDATES: usize = 1000;
+/// Boxes of one frame, best first: more vehicles than a sweep ever shows.
+const MAX_BOXES: usize = 100;
 /// Largest logarithm of a box's size over its anchor's.
 const MAX_LOG_SIZE: f64 = 1.0;
 
+#[derive(Debug)]
 struct Anchor {
     class: ObjectClass,
     size_m: Vector3<f64>,
@@ -24,13 +25,13 @@ struct Anchor {
 }
 
 /// Decodes the maps of a detector.
+#[derive(Debug)]
 pub struct BoxDecoder {
     anchors: Vec<Anchor>,
     /// x and y of the first cell's centre, and the distance of cells, in metres.
     origin_m: [f64; 2],
     cell_m: f64,
     columns: usize,
-    score_threshold: f64,
     nms_iou: f64,
 }
 
@@ -51,15 +52,14 @@ impl BoxDecoder {
             origin_m: [0, 1].map(|axis| f64::from(spec.range_m[axis]) + 0.5 * cell_m),
             cell_m,
             columns: spec.grid()[0] / 2,
-            score_threshold: spec.score_threshold,
             nms_iou: spec.nms_iou,
         }
     }
 
-    /// The boxes above the score threshold that survive non-maximum suppression, best first, in
-    /// the LIDAR frame.
-    pub fn decode(&self, maps: HeadMaps<'_>) -> Vec<Detection3d> {
-        let threshold = (self.score_threshold / (1.0 - self.score_threshold)).ln() as f32;
+    /// The boxes with at least the score `least_score`, in (0, 1), that survive non-maximum
+    /// suppression, best first, in the LIDAR frame.
+    pub fn decode(&self, maps: HeadMaps<'_>, least_score: f64) -> Vec<Detection3d> {
+        let threshold = (least_score / (1.0 - least_score)).ln() as f32;
         let mut candidates: Vec<(f32, usize)> = maps
             .class_logits
             .iter()
@@ -143,11 +143,12 @@ mod tests {
         let mut box_deltas = vec![0.0; 7 * slots];
         let mut direction_logits = vec![0.0; 2 * slots];
         set(&mut class_logits, &mut box_deltas, &mut direction_logits);
-        BoxDecoder::new(&spec()).decode(HeadMaps {
+        let maps = HeadMaps {
             class_logits: &class_logits,
             box_deltas: &box_deltas,
             direction_logits: &direction_logits,
-        })
+        };
+        BoxDecoder::new(&spec()).decode(maps, 0.5)
     }
 
     fn slot(ix: usize, iy: usize, anchor: usize) -> usize {

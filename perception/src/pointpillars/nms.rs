@@ -1,4 +1,4 @@
-//! Overlap of boxes seen from above, and non-maximum suppression by it.
+//! Overlap of upright boxes, and non-maximum suppression by that seen from above.
 
 use std::cmp::Ordering;
 
@@ -23,14 +23,39 @@ pub fn suppress(mut boxes: Vec<Detection3d>, max_iou: f64) -> Vec<Detection3d> {
 
 /// Intersection over union of the boxes' footprints, in [0, 1].
 pub fn bev_iou(a: &Detection3d, b: &Detection3d) -> f64 {
+    let area_m2 = |of: &Detection3d| of.size_m.x * of.size_m.y;
+    over_union(shared_ground_m2(a, b), area_m2(a), area_m2(b))
+}
+
+/// Intersection over union of the boxes' volumes, in [0, 1]; both stand upright.
+pub fn iou_3d(a: &Detection3d, b: &Detection3d) -> f64 {
+    let apart_m = (a.center_m.z - b.center_m.z).abs();
+    let mean_height_m = (a.size_m.z + b.size_m.z) / 2.0;
+    if apart_m.partial_cmp(&mean_height_m) != Some(Ordering::Less) {
+        return 0.0;
+    }
+    let shared_height_m = (mean_height_m - apart_m).min(a.size_m.z).min(b.size_m.z);
+    let shared_m3 = shared_ground_m2(a, b) * shared_height_m;
+    over_union(shared_m3, a.size_m.product(), b.size_m.product())
+}
+
+/// `shared` over what `a` and `b` cover together.
+fn over_union(shared: f64, a: f64, b: f64) -> f64 {
+    if shared > 0.0 {
+        (shared / (a + b - shared)).clamp(0.0, 1.0)
+    } else {
+        0.0
+    }
+}
+
+/// Area of the ground under both boxes; 0 where a number is not finite.
+fn shared_ground_m2(a: &Detection3d, b: &Detection3d) -> f64 {
     let reach = (a.size_m.xy().norm() + b.size_m.xy().norm()) / 2.0;
     let apart = (a.center_m.xy() - b.center_m.xy()).norm();
     if apart.partial_cmp(&reach) != Some(Ordering::Less) {
         return 0.0;
     }
-    let shared = intersection_m2(&footprint(a), &footprint(b));
-    let union = a.size_m.x * a.size_m.y + b.size_m.x * b.size_m.y - shared;
-    (shared / union).clamp(0.0, 1.0)
+    intersection_m2(&footprint(a), &footprint(b))
 }
 
 /// Corners of a box seen from above, counter-clockwise.
@@ -131,7 +156,60 @@ mod tests {
         assert_eq!(kept, [0.9, 0.3]);
     }
 
+    #[test]
+    fn volumes_in_closed_form() {
+        let at = |z: f64, height: f64| Detection3d {
+            center_m: Vector3::new(3.0, -2.0, z),
+            size_m: Vector3::new(4.0, 2.0, height),
+            ..rectangle(0.0, 0.0, 1.0, 1.0, 0.3, 1.0)
+        };
+        let near = |a, b, expected: f64| {
+            let iou = iou_3d(&a, &b);
+            assert!((iou - expected).abs() < 1e-12, "{iou}");
+        };
+        near(at(0.0, 1.5), at(0.0, 1.5), 1.0);
+        near(at(0.0, 1.5), at(0.5, 1.5), 1.0 / 2.0);
+        near(at(0.0, 1.0), at(0.0, 2.0), 1.0 / 2.0);
+        near(at(0.0, 1.5), at(1.5, 1.5), 0.0);
+        near(at(0.0, 1.5), at(f64::NAN, 1.5), 0.0);
+        // Shifted by a quarter of its length and by a third of its height.
+        let moved = Detection3d {
+            center_m: Vector3::new(1.0, 0.0, 0.5),
+            ..rectangle(0.0, 0.0, 4.0, 2.0, 0.0, 1.0)
+        };
+        let shared = 3.0 * 2.0 * 1.0;
+        near(
+            rectangle(0.0, 0.0, 4.0, 2.0, 0.0, 1.0),
+            moved,
+            shared / (24.0 - shared),
+        );
+    }
+
     proptest! {
+        #[test]
+        fn volumes_overlap_like_footprints_times_heights(
+            a in [-3f64..3.0, -3f64..3.0, 1f64..8.0, 1f64..3.0, -4f64..4.0],
+            b in [-3f64..3.0, -3f64..3.0, 1f64..8.0, 1f64..3.0, -4f64..4.0],
+            z in -2f64..2.0,
+            heights in [0.5f64..3.0, 0.5f64..3.0],
+        ) {
+            let make = |[x, y, length, width, yaw]: [f64; 5], z, height| {
+                let mut made = rectangle(x, y, length, width, yaw, 1.0);
+                made.center_m.z = z;
+                made.size_m.z = height;
+                made
+            };
+            let (a, b) = (make(a, 0.0, heights[0]), make(b, z, heights[1]));
+            let iou = iou_3d(&a, &b);
+            prop_assert!((iou - iou_3d(&b, &a)).abs() < 1e-9);
+            prop_assert!((0.0..=1.0).contains(&iou));
+            prop_assert!((iou_3d(&a, &a) - 1.0).abs() < 1e-9);
+            // Of equal heights at one level it is that of the footprints; else it is less.
+            let level = make([b.center_m.x, b.center_m.y, b.size_m.x, b.size_m.y, b.yaw_rad], 0.0, heights[0]);
+            prop_assert!((iou_3d(&a, &level) - bev_iou(&a, &b)).abs() < 1e-9);
+            prop_assert!(iou <= bev_iou(&a, &b) + 1e-9);
+        }
+
         #[test]
         fn iou_is_symmetric_and_moves_with_its_boxes(
             a in [-3f64..3.0, -3f64..3.0, 1f64..8.0, 1f64..3.0, -4f64..4.0],

@@ -19,8 +19,10 @@ pub struct Pillars {
 
 /// Sorts points into pillars; the order of the points in the sweep makes no difference.
 ///
-/// Too many points in a pillar are thinned out by a hash of their coordinates, so that the kept
-/// ones are spread like the sweep's; too many pillars are thinned out evenly over the grid.
+/// A pillar's points come in the order of a hash of their numbers, which has no direction: too many
+/// are cut off there, and the kept ones are spread like the sweep's. Of too many pillars those with
+/// the least hashes of their cells stay, spread over the grid. `voxelize` in models/training gives
+/// the same bytes.
 #[derive(Debug)]
 pub struct PillarGrid {
     spec: PointPillarsSpec,
@@ -30,8 +32,15 @@ pub struct PillarGrid {
     starts: Vec<u32>,
     /// Cell of each point of the sweep, or `OUTSIDE`.
     cells: Vec<u32>,
-    points: Vec<[f32; 4]>,
+    points: Vec<HashedPoint>,
     pillars: Pillars,
+}
+
+/// A point with [`point_hash`] of it.
+#[derive(Debug, Clone, Copy, Default)]
+struct HashedPoint {
+    hash: u32,
+    point: [f32; 4],
 }
 
 const OUTSIDE: u32 = u32::MAX;
@@ -59,20 +68,19 @@ impl PillarGrid {
     /// The pillars of a sweep whose numbers are finite.
     pub fn apply(&mut self, sweep: &PointCloud) -> &Pillars {
         self.sort_into_cells(sweep);
-        let occupied: Vec<usize> = (0..self.nx * self.ny)
-            .filter(|&cell| self.starts[cell] < self.starts[cell + 1])
-            .collect();
-        let kept = occupied.len().min(self.spec.max_pillars);
-        let stride = self.spec.max_points_per_pillar * FEATURES;
+        let cells = self.kept_cells();
+        let room = self.spec.max_points_per_pillar;
+        let stride = room * FEATURES;
         self.pillars.coords.clear();
         self.pillars.features.clear();
-        self.pillars.features.resize(kept * stride, 0.0);
-        for (i, features) in self.pillars.features.chunks_exact_mut(stride).enumerate() {
-            let cell = occupied[i * occupied.len() / kept];
+        self.pillars.features.resize(cells.len() * stride, 0.0);
+        for (&cell, features) in cells
+            .iter()
+            .zip(self.pillars.features.chunks_exact_mut(stride))
+        {
             self.pillars.coords.push(cell as i64);
             let [start, end] = [self.starts[cell], self.starts[cell + 1]].map(|at| at as usize);
-            let points = &mut self.points[start..end];
-            points.sort_unstable_by_key(canonical_key);
+            let points = first_by_hash(&mut self.points[start..end], room);
             let center = [cell % self.nx, cell / self.nx];
             let center: [f32; 2] = std::array::from_fn(|axis| {
                 self.spec.range_m[axis] + (center[axis] as f32 + 0.5) * self.spec.pillar_m
@@ -80,6 +88,18 @@ impl PillarGrid {
             describe(points, center, features);
         }
         &self.pillars
+    }
+
+    /// The cells of the pillars, ascending.
+    fn kept_cells(&self) -> Vec<usize> {
+        let is_occupied = |cell: &usize| self.starts[*cell] < self.starts[cell + 1];
+        let mut cells: Vec<usize> = (0..self.nx * self.ny).filter(is_occupied).collect();
+        if cells.len() > self.spec.max_pillars {
+            cells.select_nth_unstable_by_key(self.spec.max_pillars, |cell| cell_hash(*cell));
+            cells.truncate(self.spec.max_pillars);
+            cells.sort_unstable();
+        }
+        cells
     }
 
     /// Counting sort of the points in range by their cell.
@@ -98,12 +118,15 @@ impl PillarGrid {
             end += *start;
             *start = end;
         }
-        self.points.resize(end as usize, [0.0; 4]);
+        self.points.resize(end as usize, HashedPoint::default());
         for (point, &cell) in sweep.points.iter().zip(&self.cells) {
             if cell != OUTSIDE {
                 let start = &mut self.starts[cell as usize];
                 *start -= 1;
-                self.points[*start as usize] = *point;
+                self.points[*start as usize] = HashedPoint {
+                    hash: point_hash(point),
+                    point: *point,
+                };
             }
         }
     }
@@ -121,24 +144,47 @@ impl PillarGrid {
     }
 }
 
-/// A hash of the point's coordinates, then the coordinates: a total order without a direction.
-fn canonical_key(point: &[f32; 4]) -> (u32, [u32; 4]) {
-    let bits = point.map(f32::to_bits);
-    let hash = bits.iter().fold(0x811c_9dc5_u32, |hash, bits| {
-        (hash ^ bits).wrapping_mul(0x9E37_79B1).rotate_left(15)
-    });
-    (hash, bits)
+/// The `room` first of the points by their hashes, then by their bits, in that order.
+fn first_by_hash(points: &mut [HashedPoint], room: usize) -> &[HashedPoint] {
+    let key = |of: &HashedPoint| (of.hash, of.point.map(f32::to_bits));
+    if points.len() > room {
+        points.select_nth_unstable_by_key(room, key);
+    }
+    let kept = points.len().min(room);
+    points[..kept].sort_unstable_by_key(key);
+    &points[..kept]
 }
 
-/// Fills the features of one pillar from its points, as many as there is room for.
-fn describe(points: &[[f32; 4]], center: [f32; 2], features: &mut [f32]) {
-    let room = features.len() / FEATURES;
-    let points = &points[..points.len().min(room)];
+/// A hash of the bits of x, y, z and the reflectance.
+fn point_hash(point: &[f32; 4]) -> u32 {
+    const FACTORS: [u32; 4] = [0x9E37_79B1, 0x85EB_CA77, 0xC2B2_AE3D, 0x27D4_EB2F];
+    let mixed = point.iter().zip(FACTORS);
+    scrambled(mixed.fold(0, |hash, (value, factor)| {
+        hash ^ value.to_bits().wrapping_mul(factor)
+    }))
+}
+
+/// A hash of a cell's index; no two cells have the same.
+fn cell_hash(cell: usize) -> u32 {
+    scrambled((cell as u32).wrapping_mul(0x9E37_79B1))
+}
+
+/// Brings the upper bits down to all others.
+fn scrambled(mut hash: u32) -> u32 {
+    hash ^= hash >> 15;
+    hash = hash.wrapping_mul(0x2C1B_3C6D);
+    hash ^ (hash >> 12)
+}
+
+/// Fills the features of one pillar from its points, no more than there is room for.
+fn describe(points: &[HashedPoint], center: [f32; 2], features: &mut [f32]) {
     let mean: [f32; 3] = std::array::from_fn(|axis| {
-        let sum: f64 = points.iter().map(|point| f64::from(point[axis])).sum();
+        let sum: f64 = points.iter().map(|of| f64::from(of.point[axis])).sum();
         (sum / points.len() as f64) as f32
     });
-    for (point, features) in points.iter().zip(features.chunks_exact_mut(FEATURES)) {
+    for (HashedPoint { point, .. }, features) in
+        points.iter().zip(features.chunks_exact_mut(FEATURES))
+    {
         let [x, y, z, _] = *point;
         features[..4].copy_from_slice(point);
         features[4..].copy_from_slice(&[
@@ -225,11 +271,81 @@ mod tests {
             .collect();
         let coords = pillars(&points).coords;
         assert_eq!(coords.len(), 40);
+        assert!(coords.is_sorted());
+        // All eight rows of 16 cells are in use; each keeps some.
+        let is_used = |part: i64| coords.iter().any(|cell| cell / 16 == part);
+        assert!((0..8).all(is_used), "{coords:?}");
+        // One more pillar pushes out at most one.
+        let fewer = pillars(&points[1..]).coords;
+        let lost = fewer.iter().filter(|cell| !coords.contains(cell)).count();
+        assert!(lost <= 1, "{lost}");
+    }
+
+    #[test]
+    fn all_points_in_one_pillar_leave_as_many_as_there_is_room_for() {
+        let points: Vec<_> = (0..2_000_000)
+            .map(|i| [0.1, 0.1, -2.0 + 1e-6 * i as f32, 0.5])
+            .collect();
+        let pillars = pillars(&points);
+        assert_eq!(pillars.coords, [4 * 16 + 8]);
+        let heights: Vec<f32> = pillars
+            .features
+            .chunks(FEATURES)
+            .map(|row| row[2])
+            .collect();
         assert!(
-            coords
-                .windows(2)
-                .all(|pair| (2..=4).contains(&(pair[1] - pair[0])))
+            heights.iter().all(|z| (-2.0..0.0).contains(z)),
+            "{heights:?}"
         );
+        // Spread over the height, not its first ones.
+        assert!(heights.iter().any(|z| *z > -1.5), "{heights:?}");
+    }
+
+    #[test]
+    fn pillars_are_those_of_the_training() {
+        let fixture = |name: &str| {
+            let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/cases");
+            std::fs::read(folder.join(name)).expect("a fixture")
+        };
+        let cloud = fixture("pillars_cloud.bin");
+        let (values, _) = cloud.as_chunks::<4>();
+        let (points, _) = values.as_chunks::<4>();
+        let sweep = PointCloud {
+            points: points
+                .iter()
+                .map(|point| point.map(f32::from_le_bytes))
+                .collect(),
+        };
+        let mut grid = PillarGrid::new(&PointPillarsSpec {
+            range_m: [-69.12, -12.8, -3.0, 69.12, 12.8, 1.0],
+            pillar_m: 0.16,
+            max_pillars: 300,
+            max_points_per_pillar: 32,
+            ..grid().spec
+        });
+        let found = grid.apply(&sweep);
+        assert_eq!(found.coords.len(), 300);
+        let expected: toml::Table = String::from_utf8(fixture("pillars.toml"))
+            .expect("text")
+            .parse()
+            .expect("hashes");
+        let coords: Vec<u8> = found
+            .coords
+            .iter()
+            .flat_map(|cell| cell.to_le_bytes())
+            .collect();
+        let features: Vec<u8> = found
+            .features
+            .iter()
+            .flat_map(|value| value.to_le_bytes())
+            .collect();
+        for (name, bytes) in [("coords_sha256", coords), ("features_sha256", features)] {
+            assert_eq!(
+                expected[name].as_str(),
+                Some(&*crate::runtime::hex_sha256(&bytes)),
+                "{name}"
+            );
+        }
     }
 
     proptest! {

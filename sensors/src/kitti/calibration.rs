@@ -15,10 +15,29 @@ const ROTATION_TOLERANCE: f64 = 1e-2;
 /// When the file can't be read, or `P2`, `R0_rect` or `Tr_velo_to_cam` is missing or malformed.
 pub fn read_calibration(path: &Path) -> Result<Calibration, KittiError> {
     let text = std::fs::read_to_string(path).map_err(io_error(path))?;
+    mounted(path, &text, Calibration::kitti().vehicle_from_lidar)
+}
+
+/// Reads a calibration file of our own data sets, in which `Tr_imu_to_velo` starts at the rear
+/// axle: it says where the LIDAR is mounted, too.
+///
+/// # Errors
+/// As [`read_calibration`].
+pub fn read_rig(path: &Path) -> Result<Calibration, KittiError> {
+    let text = std::fs::read_to_string(path).map_err(io_error(path))?;
+    let lidar_from_vehicle = placed(&text, "Tr_imu_to_velo").map_err(malformed(path))?;
+    mounted(path, &text, lidar_from_vehicle.inverse())
+}
+
+fn mounted(
+    path: &Path,
+    text: &str,
+    vehicle_from_lidar: Isometry3<f64>,
+) -> Result<Calibration, KittiError> {
     let malformed = malformed(path);
-    let p2: [f64; 12] = numbers(&text, "P2").map_err(&malformed)?;
-    let r0: [f64; 9] = numbers(&text, "R0_rect").map_err(&malformed)?;
-    let tr: [f64; 12] = numbers(&text, "Tr_velo_to_cam").map_err(&malformed)?;
+    let p2: [f64; 12] = numbers(text, "P2").map_err(&malformed)?;
+    let r0: [f64; 9] = numbers(text, "R0_rect").map_err(&malformed)?;
+    let camera_from_lidar = placed(text, "Tr_velo_to_cam").map_err(&malformed)?;
     if p2[0] <= 0.0 || p2[5] <= 0.0 {
         let what = "P2 has a focal length that is not positive";
         return Err(malformed(what.to_owned()));
@@ -32,15 +51,7 @@ pub fn read_calibration(path: &Path) -> Result<Calibration, KittiError> {
             p2[11],
         ),
     );
-    let axes = Matrix3::new(
-        tr[0], tr[1], tr[2], tr[4], tr[5], tr[6], tr[8], tr[9], tr[10],
-    );
-    let camera_from_lidar = rectified
-        * isometry(
-            rotation("Tr_velo_to_cam", axes).map_err(&malformed)?,
-            Vector3::new(tr[3], tr[7], tr[11]),
-        );
-    let vehicle_from_lidar = Calibration::kitti().vehicle_from_lidar;
+    let camera_from_lidar = rectified * camera_from_lidar;
     Ok(Calibration {
         intrinsics: CameraIntrinsics {
             fx_px: p2[0],
@@ -52,6 +63,14 @@ pub fn read_calibration(path: &Path) -> Result<Calibration, KittiError> {
         vehicle_from_lidar,
         vehicle_from_camera: vehicle_from_lidar * camera_from_lidar.inverse(),
     })
+}
+
+/// The rotation and translation of the line `name: ...`.
+fn placed(text: &str, name: &str) -> Result<Isometry3<f64>, String> {
+    let rows: [f64; 12] = numbers(text, name)?;
+    let axes = Matrix3::from_fn(|row, column| rows[4 * row + column]);
+    let translation = Vector3::new(rows[3], rows[7], rows[11]);
+    Ok(isometry(rotation(name, axes)?, translation))
 }
 
 /// The rotation that a matrix of a file says, to the digits it is written with.
@@ -134,6 +153,21 @@ mod tests {
         let point = Point3::new(20.0, -3.0, 1.0);
         let gap = back.camera_from_lidar() * point - calibration.camera_from_lidar() * point;
         assert!(gap.norm() < 1e-9);
+        let moved = Calibration {
+            vehicle_from_lidar: isometry(
+                Rotation3::from_euler_angles(0.0, 0.01, 0.0),
+                Vector3::new(0.9, 0.0, 1.8),
+            ),
+            ..calibration
+        };
+        std::fs::write(&path, calibration_text(&moved)).expect("written");
+        let rig = read_rig(&path).expect("a rig");
+        for (read, written) in [
+            (rig.vehicle_from_lidar, moved.vehicle_from_lidar),
+            (rig.vehicle_from_camera, moved.vehicle_from_camera),
+        ] {
+            assert!((read * point - written * point).norm() < 1e-9);
+        }
 
         std::fs::write(&path, text.replace("Tr_velo_to_cam", "Tr")).expect("written");
         let message = read_calibration(&path).expect_err("refused").to_string();

@@ -11,6 +11,7 @@ const IMAGE: Place = ("image_2", &["png", "jpg"]);
 const CALIBRATION: Place = ("calib", &["txt"]);
 const LABELS: Place = ("label_2", &["txt"]);
 const LANES: Place = ("lanes", &["json"]);
+const SCENE: Place = ("scenes", &["json"]);
 
 /// The files of one frame; any may be missing.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -27,6 +28,8 @@ pub struct KittiFrame {
     pub labels: Option<PathBuf>,
     /// `lanes/000008.json`, which only our data sets have.
     pub lanes: Option<PathBuf>,
+    /// `scenes/000008.json`, which only our data sets have.
+    pub scene: Option<PathBuf>,
 }
 
 impl KittiFrame {
@@ -45,6 +48,7 @@ impl KittiFrame {
             calibration: find(CALIBRATION),
             labels: find(LABELS),
             lanes: find(LANES),
+            scene: find(SCENE),
         }
     }
 

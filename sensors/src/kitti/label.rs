@@ -157,6 +157,16 @@ impl FromStr for KittiLabel {
     }
 }
 
+/// The 2D box in pixels (left, top, right, bottom) of a convex body in the LIDAR frame, cut off at
+/// the picture's border; `None` when the picture shows nothing of it.
+pub fn picture_box_px(corners_m: &[Point3<f64>], calibration: &Calibration) -> Option<[f64; 4]> {
+    let camera_from_lidar = calibration.camera_from_lidar();
+    let seen: Vec<_> = corners_m.iter().map(|p| camera_from_lidar * p).collect();
+    let (inside, _) = image_box(clipped(&seen).into_iter(), &calibration.intrinsics);
+    let [left, _, right, _] = inside;
+    (left < right).then_some(inside)
+}
+
 /// The 2D box of points in the camera frame within the image, and the share of it that the image
 /// cuts off.
 fn image_box(

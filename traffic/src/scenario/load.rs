@@ -3,7 +3,7 @@ use std::path::Path;
 use super::Scenario;
 use crate::{ScenarioError, VehicleId};
 
-const BUILTIN: [(&str, &str); 3] = [
+const BUILTIN: [(&str, &str); 4] = [
     (
         "obstacle-at-corner",
         include_str!("../../../assets/scenarios/obstacle-at-corner.toml"),
@@ -15,6 +15,10 @@ const BUILTIN: [(&str, &str); 3] = [
     (
         "open-corner",
         include_str!("../../../assets/scenarios/open-corner.toml"),
+    ),
+    (
+        "mixed-traffic",
+        include_str!("../../../assets/scenarios/mixed-traffic.toml"),
     ),
 ];
 
