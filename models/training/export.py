@@ -11,6 +11,8 @@ import datetime
 import hashlib
 import json
 import shutil
+import subprocess
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +24,7 @@ from torch import Tensor, nn
 import lanes
 import pointpillars as pp
 from deploy import deployed, write_reference
-from evaluate import NMS_IOU, SCORE_THRESHOLD, EVALUATE, open_model
+from evaluate import NMS_IOU, SCORE_THRESHOLD, open_model
 from train import TASKS
 
 OPSET = 17
@@ -161,10 +163,8 @@ def preprocess(network: str) -> dict[str, object]:
     }
 
 
-def card(
-    network: str, path: Path, state: dict, data_command: str, weights_from: str, metrics: dict[str, float]
-) -> str:
-    """The model card."""
+def card(network: str, path: Path, state: dict, data_command: str, weights_from: str) -> str:
+    """The model card, but for its metrics."""
     arguments = state["arguments"]
     budget = "minutes" if arguments["minutes"] != "None" else "steps"
     command = f"python train.py {network} --data data/train --val data/val --{budget} {arguments[budget]} --out runs"
@@ -188,7 +188,6 @@ def card(
     }
     if weights_from:
         training["weights_from"] = weights_from
-    evaluation = f"python evaluate.py {network} --data data/val --model ../{path.name}"
     parts = [toml_table("", top).lstrip("\n")]
     for name, (dtype, shape) in inputs_of(network).items():
         parts.append(toml_table("[[inputs]]", {"name": name, "dtype": dtype, "shape": shape}))
@@ -200,8 +199,25 @@ def card(
             entries = {"class": name, "size_m": list(anchor.size_m), "center_z_m": anchor.center_z_m}
             parts.append(toml_table("[[anchors]]", entries))
     parts.append(toml_table("[training]", training))
-    parts.append(toml_table("[metrics]", {"command": evaluation, **metrics}))
     return "\n".join(parts)
+
+
+def measure(network: str, path: Path, data: Path, covista: str) -> str:
+    """The card's metrics, as `covista eval` takes them of the file itself."""
+    what = "lanes" if network == "lanes" else "detector"
+    with tempfile.TemporaryDirectory() as folder:
+        rows = Path(folder) / "rows.json"
+        command = ["eval", what, "--model", path.stem]
+        places = ["--models", str(path.parent), "--data", str(data), "--json", str(rows)]
+        subprocess.run([covista, *command, *places], check=True)
+        report = json.loads(rows.read_text())
+    metrics: dict[str, object] = {"command": f"covista {' '.join(command)} --data data/val"}
+    for row in report["rows"]:
+        kind = "" if what == "lanes" else f"{row['class']}_"
+        for name, value in row.items():
+            if isinstance(value, int | float) and "_r11" not in name:
+                metrics[name if kind in f"{name}_" else kind + name] = value
+    return toml_table("[metrics]", metrics)
 
 
 def main() -> None:
@@ -215,7 +231,7 @@ def main() -> None:
     )
     parser.add_argument("--reference", type=Path, default=Path("../../tests/networks"), help="for the tests in Rust")
     parser.add_argument("--weights-from", default="", help="what `--from-weights` began with, for the card")
-    parser.add_argument("--frames", type=int, default=10**9, help="validate on at most this many")
+    parser.add_argument("--covista", default="covista", help="the program that measures the exported file")
     args = parser.parse_args()
     torch.set_num_threads(1)
     state = torch.load(args.checkpoint, map_location="cpu")
@@ -229,10 +245,11 @@ def main() -> None:
     partial = args.checkpoint.with_suffix(".onnx")  # moved to its place once it is checked
     export_onnx(args.network, model, partial)
     difference = check(args.network, model, partial)
-    metrics = EVALUATE[args.network](args.val, partial, args.frames)
     shutil.move(partial, path)
     write_reference(args.network, model, args.reference)
-    text = card(args.network, path, state, args.data_command, args.weights_from, metrics)
+    text = card(args.network, path, state, args.data_command, args.weights_from)
+    path.with_suffix(".toml").write_text(text + "\n[metrics]\n")
+    text += "\n" + measure(args.network, path, args.val, args.covista)
     path.with_suffix(".toml").write_text(text)
     size_mb = path.stat().st_size / 1e6
     print(f"{path}: {size_mb:.1f} MB, differs from PyTorch by at most {difference:.4f} sigma")

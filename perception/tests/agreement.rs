@@ -71,7 +71,7 @@ fn detectors_agree_with_pytorch() {
                 assert_alike(maps.class_logits, &outputs["class_logits"]);
                 assert_alike(maps.box_deltas, &outputs["box_deltas"]);
                 assert_alike(maps.direction_logits, &outputs["direction_logits"]);
-                BoxDecoder::new(spec).decode(maps)
+                BoxDecoder::new(spec).decode(maps, spec.score_threshold)
             })
             .expect("maps");
         let expected: Vec<Vec<f64>> = reference["boxes"]
@@ -136,7 +136,7 @@ fn the_lane_network_agrees_with_pytorch() {
         })
         .expect("logits");
     let expected = reference["marks_px"].as_array().expect("marks");
-    for (mark, expected) in marks.iter().zip(expected) {
+    for (mark, expected) in marks.pixels.iter().zip(expected) {
         for (u, expected) in mark.iter().zip(expected.as_array().expect("rows")) {
             match (u, expected.as_f64()) {
                 (Some(u), Some(expected)) => assert!((f64::from(*u) - expected).abs() < 0.1),

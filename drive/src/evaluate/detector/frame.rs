@@ -36,7 +36,8 @@ pub(super) struct Object {
 }
 
 impl MeasuredFrame {
-    /// Reads the files of a frame and runs the detector on its sweep.
+    /// Reads the files of a frame and runs the detector on its sweep: one that looks ahead only on
+    /// the points in the picture, as is the custom with KITTI.
     pub(super) fn read(frame: &KittiFrame, detector: &mut Detector) -> Result<Self, EvaluateError> {
         let mut calibration = calibration_of(frame)?;
         if let Some(path) = &frame.image {
@@ -46,9 +47,18 @@ impl MeasuredFrame {
         }
         let sweep = read_cloud(file_of(&frame.cloud)?)?;
         let labels = read_labels(file_of(&frame.labels)?)?;
-        let found = detector.detect_down_to(&sweep, LEAST_SCORE)?;
         let range_m = detector.range_m().map(f64::from);
-        Ok(Self::new(labels, found, calibration, &sweep, &range_m))
+        if range_m[0] < 0.0 {
+            let found = detector.detect_down_to(&sweep, LEAST_SCORE)?;
+            return Ok(Self::new(labels, found, calibration, &sweep, &range_m));
+        }
+        let seen = in_picture(&sweep, &calibration);
+        let found = detector.detect_down_to(&seen, LEAST_SCORE)?;
+        let mut frame = Self::new(labels, found, calibration, &sweep, &range_m);
+        for object in &mut frame.objects {
+            object.in_range &= object.is_in_picture();
+        }
+        Ok(frame)
     }
 
     fn new(
@@ -117,6 +127,19 @@ impl MeasuredFrame {
     pub(super) fn height_px(&self, found: &Detection3d) -> Option<f64> {
         let [_, top, _, bottom] = picture_box_px(&corners_m(found), &self.calibration)?;
         Some(bottom - top)
+    }
+}
+
+/// The points of a sweep that the picture shows.
+fn in_picture(sweep: &PointCloud, calibration: &Calibration) -> PointCloud {
+    let camera_from_lidar = calibration.camera_from_lidar();
+    let is_seen = |[x, y, z, _]: &[f32; 4]| {
+        let point = camera_from_lidar * Point3::new(*x, *y, *z).cast::<f64>();
+        let pixel = calibration.intrinsics.project(&point);
+        pixel.is_some_and(|pixel| is_inside(&calibration.intrinsics, pixel))
+    };
+    PointCloud {
+        points: sweep.points.iter().copied().filter(is_seen).collect(),
     }
 }
 
