@@ -81,6 +81,9 @@ pub(super) fn run(args: &CooperativeArgs) -> anyhow::Result<()> {
     write_json(path, &Report::new("eval cooperative", rows.collect()))
 }
 
+/// Picks the figures of a set of vehicles.
+type Set = fn(&CooperativeEvaluation) -> &KnownVehicles;
+
 /// The conditions side by side.
 fn table(
     runs: &CooperativeRuns,
@@ -88,7 +91,7 @@ fn table(
     found: &[CooperativeEvaluation],
 ) -> String {
     let mut rows = vec![row("", found, |row| name(row.sharing).to_owned())];
-    let sets: [(&str, fn(&CooperativeEvaluation) -> &KnownVehicles); 4] = [
+    let sets: [(&str, Set); 4] = [
         ("all within 100 m", |row| &row.all),
         ("seen by a CAV", |row| &row.seen_by_a_cav),
         ("seen by the ego", |row| &row.seen_by_ego),
