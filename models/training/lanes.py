@@ -7,12 +7,14 @@ rows the network picks one of 100 cells across the image, or "none". Cell i cove
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
+from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 IMAGE_WIDTH_PX, IMAGE_HEIGHT_PX = 1242, 375
 INPUT_WIDTH_PX, INPUT_HEIGHT_PX = 800, 288
@@ -39,10 +41,9 @@ def resize(image: Tensor) -> Tensor:
 
 def normalise(images: Tensor) -> Tensor:
     """uint8 [B, 288, 800, 3] to float32 [B, 3, 288, 800], channels last in memory."""
-    scaled = images.float() / 255
-    mean = torch.tensor(MEAN, device=images.device)
-    std = torch.tensor(STD, device=images.device)
-    return ((scaled - mean) / std).permute(0, 3, 1, 2)
+    scale = 1 / (255 * torch.tensor(STD, device=images.device))
+    mean = 255 * torch.tensor(MEAN, device=images.device)
+    return ((images - mean) * scale).permute(0, 3, 1, 2)
 
 
 class BasicBlock(nn.Module):
@@ -94,22 +95,30 @@ class Ufld(nn.Module):
             nn.Linear(HIDDEN, (CELLS + 1) * ROWS * MARKS),
         )
         self.segmentation = SegmentationHead()
+        self.frozen: list[nn.Module] = []
         for module in self.modules():
             if isinstance(module, nn.Conv2d):
                 nn.init.kaiming_normal_(module.weight, nonlinearity="relu")
 
     def forward(self, image: Tensor) -> Tensor | tuple[Tensor, Tensor, Tensor]:
-        x = self.stem(image)
+        x = self.low(image)
         stages = []
-        for layer in self.layers:
+        for layer in self.layers[1:]:
             x = layer(x)
             stages.append(x)
         # Flattened from a channels-first tensor whatever the memory format, as ONNX does.
         flat = self.pool(x).contiguous().flatten(1)
         cells = self.classify(flat)
         if self.training:
-            return cells, self.segmentation(stages[1:]), flat
+            return cells, self.segmentation(stages), flat
         return cells
+
+    def low(self, image: Tensor) -> Tensor:
+        """Stem and first stage; where they are frozen, two images at a time, which caches can hold."""
+        if not self.frozen:
+            return self.layers[0](self.stem(image))
+        with torch.no_grad():
+            return torch.cat([self.frozen[0](part.bfloat16()) for part in image.split(2)])
 
     def classify(self, flat: Tensor) -> Tensor:
         return self.classifier(flat).view(-1, CELLS + 1, ROWS, MARKS)
@@ -212,6 +221,25 @@ def mark_loss(cells: Tensor, marks: Tensor) -> dict[str, Tensor]:
         "shape": 0.2 * shape,
         "similarity": 0.05 * similarity,
     }
+
+
+def freeze_low(model: Ufld, average: Ufld) -> None:
+    """Gives the stem and the first stage, two thirds of the work, their average weights for good."""
+    model.stem.load_state_dict(average.stem.state_dict())
+    model.layers[0].load_state_dict(average.layers[0].state_dict())
+    low = nn.Sequential(model.stem, model.layers[0]).requires_grad_(False).eval()
+    model.frozen = [folded(low)]  # in a list, so that it is no part of the state
+
+
+def folded(low: nn.Sequential) -> nn.Sequential:
+    """A copy with the normalisations folded into the convolutions, in bf16."""
+    low = copy.deepcopy(low)
+    stem, blocks = low
+    stem[0], stem[1] = fuse_conv_bn_eval(stem[0], stem[1]), nn.Identity()
+    for block in blocks:
+        block.conv1, block.bn1 = fuse_conv_bn_eval(block.conv1, block.bn1), nn.Identity()
+        block.conv2, block.bn2 = fuse_conv_bn_eval(block.conv2, block.bn2), nn.Identity()
+    return low.bfloat16().to(memory_format=torch.channels_last)
 
 
 class Rehearsal:

@@ -133,6 +133,7 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--no-augment", action="store_true")
+    parser.add_argument("--freeze-low", action="store_true", help="lanes: stem and first stage as they are, faster")
     start = parser.add_mutually_exclusive_group()
     start.add_argument("--resume", action="store_true", help="go on with the run in --out")
     start.add_argument("--from-weights", type=Path, help="begin a new run with a checkpoint's weights")
@@ -157,6 +158,8 @@ def main() -> None:
         optimizer.load_state_dict(state["optimizer"])
         step, trained_s, curves = state["step"], state["trained_s"], state["curves"]
 
+    if args.freeze_low:
+        lanes.freeze_low(model, average)
     dataset = task.dataset(args.data, augmented=not args.no_augment)
     batches = Batches(len(dataset), args.batch or task.batch, args.seed, step)
     loader = DataLoader(dataset, batch_sampler=batches, collate_fn=dataset.collate, num_workers=args.workers)
