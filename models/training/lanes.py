@@ -249,7 +249,7 @@ class Rehearsal:
     and most of the weights are its: it learns from every sample several times more.
     """
 
-    SAMPLES, BATCH, ROUNDS = 4096, 64, 2
+    SAMPLES, BATCH, ROUNDS = 4096, 64, 1
 
     def __init__(self) -> None:
         self.inputs: list[Tensor] = []
