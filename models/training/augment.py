@@ -116,27 +116,30 @@ def road(
         image = np.ascontiguousarray(image[:, ::-1])
         marks = lanes.IMAGE_WIDTH_PX - 1 - marks[:, ::-1]
     picture = Image.fromarray(image)
-    if rng.random() < 0.8:
-        picture, marks = look_from_elsewhere(picture, marks, rng)
-    if rng.random() < 0.15:
-        picture, marks = add_bonnet(picture, marks, rng)
+    wide = rng.random()
+    if wide < 0.6:
+        picture, marks = look_from_elsewhere(picture, marks, 1.0 if wide < 0.2 else 0.4, rng)
+    if rng.random() < 0.1:
+        add_bonnet(picture, rng)
     inside = (marks >= 0) & (marks < lanes.IMAGE_WIDTH_PX)
     marks = np.where(inside, marks, np.nan).astype(np.float32)
     return relight(picture, rng), marks
 
 
 def look_from_elsewhere(
-    picture: Image.Image, marks: np.ndarray, rng: np.random.Generator
+    picture: Image.Image, marks: np.ndarray, reach: float, rng: np.random.Generator
 ) -> tuple[Image.Image, np.ndarray]:
     """Another focal length, height, lateral place, roll and pitch of the camera.
 
     On a flat road all of them are affine about the vanishing point, in pixels: a focal length
     scales, a height stretches below the horizon, a lateral step shears, pitch and yaw shift.
+    `reach` scales how far off the other camera is.
     """
-    zoom = math.exp(rng.triangular(math.log(0.8), 0, math.log(1.9)))
-    height = zoom * math.exp(rng.uniform(-0.3, 0.2))
-    shear, roll = rng.uniform(-0.35, 0.35), rng.normal(0, 0.015)
-    across, down = rng.normal(0, 40), rng.normal(0, 15) if rng.random() < 0.8 else rng.uniform(-90, 40)
+    zoom = math.exp(reach * rng.triangular(math.log(0.8), 0, math.log(1.9)))
+    height = zoom * math.exp(reach * rng.uniform(-0.3, 0.2))
+    shear, roll = reach * rng.uniform(-0.35, 0.35), reach * rng.normal(0, 0.015)
+    across = reach * rng.normal(0, 40)
+    down = reach * (rng.normal(0, 15) if rng.random() < 0.8 else rng.uniform(-90, 40))
     forward = np.array(((zoom, shear * height), (0, height))) @ ((1, -roll), (roll, 1))
     target = HORIZON + (across, down)
 
@@ -161,10 +164,8 @@ def look_from_elsewhere(
     return picture, moved
 
 
-def add_bonnet(
-    picture: Image.Image, marks: np.ndarray, rng: np.random.Generator
-) -> tuple[Image.Image, np.ndarray]:
-    """The camera's own car along the bottom, which hides the marks."""
+def add_bonnet(picture: Image.Image, rng: np.random.Generator) -> None:
+    """The camera's own car along the bottom, through which marks are labelled as through others; in place."""
     width, height = picture.size
     top = rng.uniform(0.82, 1.0) * height
     color = tuple(int(v) for v in rng.integers(0, 160) + rng.integers(0, 40, 3))
@@ -172,9 +173,6 @@ def add_bonnet(
     ImageDraw.Draw(picture).polygon(
         ((0, height), (0, side), (0.3 * width, top), (0.7 * width, top), (width, side), (width, height)), color
     )
-    marks = marks.copy()
-    marks[lanes.ROW_ANCHORS_PX > top * lanes.IMAGE_HEIGHT_PX / height] = np.nan
-    return picture, marks
 
 
 def relight(picture: Image.Image, rng: np.random.Generator) -> np.ndarray:
@@ -193,12 +191,12 @@ def relight(picture: Image.Image, rng: np.random.Generator) -> np.ndarray:
     gains = 255 * rng.uniform(0.7, 1.3) * rng.uniform(0.9, 1.1, 3)
     table = (levels[None] * gains[:, None]).clip(0, 255).astype(np.uint8)
     picture = picture.point(table.reshape(-1).tolist())
-    if rng.random() < 0.25:
+    if rng.random() < 0.15:
         file = io.BytesIO()
         picture.save(file, "JPEG", quality=int(rng.integers(25, 80)))
         picture = Image.open(file)
     image = np.array(picture)
-    if rng.random() < 0.25:
+    if rng.random() < 0.15:
         noise = rng.standard_normal(image.shape, np.float32) * rng.uniform(0, 10)
         image = (image + noise).clip(0, 255).astype(np.uint8)
     return image

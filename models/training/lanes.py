@@ -7,10 +7,14 @@ rows the network picks one of 100 cells across the image, or "none". Cell i cove
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Iterator
+
 import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
+from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 IMAGE_WIDTH_PX, IMAGE_HEIGHT_PX = 1242, 375
 INPUT_WIDTH_PX, INPUT_HEIGHT_PX = 800, 288
@@ -24,6 +28,8 @@ MEAN = (0.485, 0.456, 0.406)
 STD = (0.229, 0.224, 0.225)
 WIDTHS = (32, 64, 128, 256)
 HIDDEN = 512
+BELL_CELLS = 0.8
+WINDOW_CELLS = 4
 
 
 def resize(image: Tensor) -> Tensor:
@@ -35,10 +41,9 @@ def resize(image: Tensor) -> Tensor:
 
 def normalise(images: Tensor) -> Tensor:
     """uint8 [B, 288, 800, 3] to float32 [B, 3, 288, 800], channels last in memory."""
-    scaled = images.float() / 255
-    mean = torch.tensor(MEAN, device=images.device)
-    std = torch.tensor(STD, device=images.device)
-    return ((scaled - mean) / std).permute(0, 3, 1, 2)
+    scale = 1 / (255 * torch.tensor(STD, device=images.device))
+    mean = 255 * torch.tensor(MEAN, device=images.device)
+    return ((images - mean) * scale).permute(0, 3, 1, 2)
 
 
 class BasicBlock(nn.Module):
@@ -62,7 +67,8 @@ class BasicBlock(nn.Module):
 
 
 class Ufld(nn.Module):
-    """Image [B, 3, 288, 800] to logits [B, 101, 28, 4]; in training also segmentation logits."""
+    """Image [B, 3, 288, 800] to logits [B, 101, 28, 4]; in training also segmentation logits and the
+    classifier's input."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -89,22 +95,33 @@ class Ufld(nn.Module):
             nn.Linear(HIDDEN, (CELLS + 1) * ROWS * MARKS),
         )
         self.segmentation = SegmentationHead()
+        self.frozen: list[nn.Module] = []
         for module in self.modules():
             if isinstance(module, nn.Conv2d):
                 nn.init.kaiming_normal_(module.weight, nonlinearity="relu")
 
-    def forward(self, image: Tensor) -> Tensor | tuple[Tensor, Tensor]:
-        x = self.stem(image)
+    def forward(self, image: Tensor) -> Tensor | tuple[Tensor, Tensor, Tensor]:
+        x = self.low(image)
         stages = []
-        for layer in self.layers:
+        for layer in self.layers[1:]:
             x = layer(x)
             stages.append(x)
         # Flattened from a channels-first tensor whatever the memory format, as ONNX does.
         flat = self.pool(x).contiguous().flatten(1)
-        cells = self.classifier(flat).view(-1, CELLS + 1, ROWS, MARKS)
+        cells = self.classify(flat)
         if self.training:
-            return cells, self.segmentation(stages[1:])
+            return cells, self.segmentation(stages), flat
         return cells
+
+    def low(self, image: Tensor) -> Tensor:
+        """Stem and first stage; where they are frozen, two images at a time, which caches can hold."""
+        if not self.frozen:
+            return self.layers[0](self.stem(image))
+        with torch.no_grad():
+            return torch.cat([self.frozen[0](part.bfloat16()) for part in image.split(2)])
+
+    def classify(self, flat: Tensor) -> Tensor:
+        return self.classifier(flat).view(-1, CELLS + 1, ROWS, MARKS)
 
 
 class SegmentationHead(nn.Module):
@@ -133,9 +150,17 @@ def expected_cell(cells: Tensor) -> Tensor:
 
 
 def decode(cells: Tensor) -> Tensor:
-    """Logits [B, 101, 28, 4] to u in pixels [B, 28, 4], NaN where the mark is absent."""
-    pixels = (expected_cell(cells) + 0.5) * CELL_PX
-    return pixels.masked_fill(cells.argmax(1) == NONE, float("nan"))
+    """Logits [B, 101, 28, 4] to u in pixels [B, 28, 4], NaN where the mark is absent.
+
+    A mark is seen where its cells together are likelier than "none". Its place is the expectation
+    over the cells about the likeliest one.
+    """
+    places = cells[:, :CELLS]
+    index = torch.arange(CELLS, device=cells.device).view(1, -1, 1, 1)
+    beside = (index - places.argmax(1, keepdim=True)).abs() > WINDOW_CELLS
+    probability = places.masked_fill(beside, -torch.inf).softmax(1)
+    pixels = ((probability * index).sum(1) + 0.5) * CELL_PX
+    return pixels.masked_fill(places.logsumexp(1) <= cells[:, NONE], torch.nan)
 
 
 def segmentation_target(marks_px: np.ndarray) -> np.ndarray:
@@ -156,31 +181,94 @@ def segmentation_target(marks_px: np.ndarray) -> np.ndarray:
     return target
 
 
-def loss(outputs: tuple[Tensor, Tensor], batch: dict[str, Tensor]) -> dict[str, Tensor]:
-    """The parts of the loss, weighted; `marks` [B, 28, 4] in pixels with NaN for absent."""
-    cells, segmentation = (o.float() for o in outputs)
-    position = batch["marks"] / CELL_PX - 0.5
+def loss(outputs: tuple[Tensor, Tensor, Tensor], batch: dict[str, Tensor]) -> dict[str, Tensor]:
+    """The parts of the loss, weighted: the classifier's and the segmentation head's."""
+    cells, segmentation, _ = outputs
+    weights = torch.tensor([0.4] + [1.0] * MARKS, device=cells.device)
+    aux = F.cross_entropy(segmentation.float(), batch["segmentation"], weights)
+    return mark_loss(cells.float(), batch["marks"]) | {"segmentation": 3 * aux}
+
+
+def mark_loss(cells: Tensor, marks: Tensor) -> dict[str, Tensor]:
+    """The parts for logits [B, 101, 28, 4] and marks [B, 28, 4] in pixels, NaN where absent.
+
+    The cross entropy of the 101 classes is that of "none" and, where a mark is seen, that of its
+    cells; their target is a narrow bell about the mark, so that neighbours learn together and the
+    expectation is the mark's position.
+    """
+    position = marks / CELL_PX - 0.5
     seen = torch.isfinite(position)
-    target = torch.where(seen, (position + 0.5).floor(), torch.full_like(position, NONE)).long()
-    log_p = F.log_softmax(cells, 1).gather(1, target[:, None])[:, 0]
-    focal = -((1 - log_p.exp()) ** 2 * log_p).mean()
+    some = cells[:, :CELLS].logsumexp(1)
+    presence = F.binary_cross_entropy_with_logits(some - cells[:, NONE], seen.float())
+
+    # From here on the marks that are seen: [N, 100] and [N].
+    log_p = (cells[:, :CELLS] - some[:, None]).permute(0, 2, 3, 1)[seen]
+    index = torch.arange(CELLS, device=cells.device, dtype=cells.dtype)
+    bell = torch.softmax(-0.5 * ((index - position[seen][:, None]) / BELL_CELLS) ** 2, 1)
+    place = -(bell * log_p).sum(1).mean() if seen.any() else presence * 0
 
     expected = expected_cell(cells)
     position = torch.where(seen, position, expected.detach())
-    expectation = F.smooth_l1_loss(expected[seen], position[seen]) if seen.any() else focal * 0
+    expectation = F.smooth_l1_loss(expected[seen], position[seen]) if seen.any() else presence * 0
     bend_error = second_difference(expected) - second_difference(position)
     triple = seen[:, :-2] & seen[:, 1:-1] & seen[:, 2:]
-    shape = bend_error[triple].abs().mean() if triple.any() else focal * 0
+    shape = bend_error[triple].abs().mean() if triple.any() else presence * 0
     similarity = (cells[:, :, 1:] - cells[:, :, :-1]).abs().mean()
-    weights = torch.tensor([0.4] + [1.0] * MARKS, device=cells.device)
-    aux = F.cross_entropy(segmentation, batch["segmentation"], weights)
     return {
-        "cells": 2 * focal,
-        "expectation": 0.5 * expectation,
+        "presence": 4 * presence,
+        "place": place,
+        "expectation": 0.3 * expectation,
         "shape": 0.2 * shape,
         "similarity": 0.05 * similarity,
-        "segmentation": aux,
     }
+
+
+def freeze_low(model: Ufld, average: Ufld) -> None:
+    """Gives the stem and the first stage, two thirds of the work, their average weights for good."""
+    model.stem.load_state_dict(average.stem.state_dict())
+    model.layers[0].load_state_dict(average.layers[0].state_dict())
+    low = nn.Sequential(model.stem, model.layers[0]).requires_grad_(False).eval()
+    model.frozen = [folded(low)]  # in a list, so that it is no part of the state
+
+
+def folded(low: nn.Sequential) -> nn.Sequential:
+    """A copy with the normalisations folded into the convolutions, in bf16."""
+    low = copy.deepcopy(low)
+    stem, blocks = low
+    stem[0], stem[1] = fuse_conv_bn_eval(stem[0], stem[1]), nn.Identity()
+    for block in blocks:
+        block.conv1, block.bn1 = fuse_conv_bn_eval(block.conv1, block.bn1), nn.Identity()
+        block.conv2, block.bn2 = fuse_conv_bn_eval(block.conv2, block.bn2), nn.Identity()
+    return low.bfloat16().to(memory_format=torch.channels_last)
+
+
+class Rehearsal:
+    """The classifier's latest inputs and their marks.
+
+    A step of the classifier alone costs a hundredth of one of the whole network for each sample,
+    and most of the weights are its: it learns from every sample several times more.
+    """
+
+    SAMPLES, BATCH, ROUNDS = 4096, 64, 1
+
+    def __init__(self) -> None:
+        self.inputs: list[Tensor] = []
+        self.marks: list[Tensor] = []
+
+    def add(self, flat: Tensor, marks: Tensor) -> None:
+        self.inputs = [*self.inputs, *flat.detach().bfloat16()][-self.SAMPLES :]
+        self.marks = [*self.marks, *marks][-self.SAMPLES :]
+
+    def losses(self, model: Ufld, seed: int) -> Iterator[Tensor]:
+        """The loss of each round, on samples drawn from the latest."""
+        rng = np.random.default_rng(seed)
+        enough = len(self.marks) >= self.SAMPLES // 8
+        for _ in range(self.ROUNDS if enough else 0):
+            drawn = rng.integers(0, len(self.marks), self.BATCH)
+            flat = torch.stack([self.inputs[i] for i in drawn])
+            with torch.autocast(flat.device.type, torch.bfloat16):
+                cells = model.classify(flat)
+            yield sum(mark_loss(cells.float(), torch.stack([self.marks[i] for i in drawn])).values())
 
 
 def second_difference(x: Tensor) -> Tensor:

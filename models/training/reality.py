@@ -36,6 +36,7 @@ from evaluate import LANE_TOLERANCE_PX, SCORE_THRESHOLD
 HERE = Path(__file__).parent
 FOCAL_PX, CENTER_PX = 721.5377, (609.5593, 172.854)
 NEAR_M = 40
+LANE_M, TOLERANCE_M = 3.66, 0.3
 MARK_COLORS = ((230, 159, 0), (86, 180, 233), (0, 158, 115), (204, 121, 167))
 VIEWS = ("filled", "focal")
 NEEDED = {"detector": "kitti_000008.bin", "lanes": "highway_test1.jpg", "sweeps": "kitti_000008.bin"}
@@ -133,15 +134,24 @@ def drawn_marks(entry: dict, scale: float, left: float, top: float) -> np.ndarra
     return us
 
 
+def pixels_per_m(truth: np.ndarray) -> np.ndarray:
+    """Pixels across the road per metre at each row anchor: lanes are 3.66 m apart on level ground."""
+    below = np.maximum(lanes.ROW_ANCHORS_PX - CENTER_PX[1], 1)[:, None]
+    spacing = np.diff(truth, axis=1)
+    known = np.isfinite(spacing)
+    slope = (spacing * below)[known].sum() / np.broadcast_to(below**2, known.shape)[known].sum()
+    return slope * below[:, 0] / LANE_M
+
+
 def photographs(real: Path, model: Path, out: Path) -> dict[str, float]:
     """The network's marks against ours, photograph by photograph and view by view."""
     session = ev.open_model(model)
     entries = json.loads((HERE / "photographs.json").read_text())
     metrics: dict[str, float] = {}
-    print("| photograph | view | mark | anchors | within 20 px % | median px | p95 px | missed | spurious |")
-    print("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
+    print("| photograph | view | mark | anchors | within 20 px % | within 0.3 m % | median px | p95 px | missed | spurious |")
+    print("| " + "--- | " * 10)
     for view in VIEWS:
-        pictures, errors, close, total = [], [], 0, 0
+        pictures, errors, errors_m, close, total = [], [], [], 0, 0
         for name, entry in entries.items():
             place = view_of(entry, view)
             image = bring(Image.open(real / f"{name}.jpg").convert("RGB"), *place)
@@ -149,19 +159,27 @@ def photographs(real: Path, model: Path, out: Path) -> dict[str, float]:
             small = lanes.resize(torch.from_numpy(np.array(image)))[None]
             (cells,) = session.run(None, {"image": lanes.normalise(small).contiguous().numpy()})
             found = lanes.decode(torch.from_numpy(cells))[0].numpy()
+            per_m = pixels_per_m(truth)
             for m in range(lanes.MARKS):
                 there, here = np.isfinite(truth[:, m]), np.isfinite(found[:, m])
                 error = np.abs(found[:, m] - truth[:, m])[there & here]
+                error_m = error / per_m[there & here]
+                within_m = int((error_m <= TOLERANCE_M).sum())
                 within = int((error <= LANE_TOLERANCE_PX).sum())
                 close, total = close + within, total + int(there.sum())
                 errors.extend(error)
+                errors_m.extend(error_m)
                 middle, far = np.percentile(error, (50, 95)) if len(error) else (math.nan, math.nan)
                 print(
-                    f"| {name} | {view} | {m} | {there.sum()} | {100 * within / max(there.sum(), 1):.0f} | {middle:.1f}"
+                    f"| {name} | {view} | {m} | {there.sum()} | {100 * within / max(there.sum(), 1):.0f}"
+                    f" | {100 * within_m / max(there.sum(), 1):.0f} | {middle:.1f}"
                     f" | {far:.1f} | {(there & ~here).sum()} | {(here & ~there).sum()} |"
                 )
             pictures.append(overlay(image, truth, found))
         metrics[f"{view}_within_20px_percent"] = 100 * close / max(total, 1)
+        metrics[f"{view}_within_30cm_percent"] = 100 * float((np.array(errors_m) <= TOLERANCE_M).sum()) / max(total, 1)
+        metrics[f"{view}_median_m"] = float(np.median(errors_m or [math.nan]))
+        metrics[f"{view}_p95_m"] = float(np.percentile(errors_m or [math.nan], 95))
         metrics[f"{view}_median_px"] = float(np.median(errors or [math.nan]))
         metrics[f"{view}_p95_px"] = float(np.percentile(errors or [math.nan], 95))
         Image.fromarray(np.concatenate(pictures)).save(out / f"reality-lanes-{view}.png")

@@ -45,11 +45,15 @@ class Task:
     batch: int
     learning_rate: float
 
-    def run(self, model: nn.Module, batch: dict[str, Tensor]) -> dict[str, Tensor]:
+    def run(
+        self, model: nn.Module, batch: dict[str, Tensor], rehearsal: lanes.Rehearsal | None = None
+    ) -> dict[str, Tensor]:
         """The parts of the loss of one batch."""
         with torch.autocast(batch_device(batch).type, torch.bfloat16):
             if self.module is lanes:
                 outputs = model(lanes.normalise(batch["image"]))
+                if rehearsal:
+                    rehearsal.add(outputs[2], batch["marks"])
             else:
                 frames, grid = len(batch["labels"]), tuple(batch["grid"].tolist())
                 outputs = model(batch["pillars"], batch["coords"], batch["numbers"], frames, grid)
@@ -135,6 +139,7 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--no-augment", action="store_true")
+    parser.add_argument("--freeze-low", action="store_true", help="lanes: stem and first stage as they are, faster")
     start = parser.add_mutually_exclusive_group()
     start.add_argument("--resume", action="store_true", help="go on with the run in --out")
     start.add_argument("--from-weights", type=Path, help="begin a new run with a checkpoint's weights")
@@ -152,7 +157,7 @@ def main() -> None:
         model.load_state_dict(weights)
     average = copy.deepcopy(model)
     peak = args.learning_rate or task.learning_rate
-    optimizer = torch.optim.AdamW(model.parameters(), peak, weight_decay=0.01)
+    optimizer = torch.optim.AdamW(model.parameters(), peak, weight_decay=0.01, fused=True)
     checkpoint = args.out / f"{args.task}.pt"
     step, trained_s, curves = 0, 0.0, []
     if args.resume and checkpoint.exists():
@@ -162,6 +167,8 @@ def main() -> None:
         optimizer.load_state_dict(state["optimizer"])
         step, trained_s, curves = state["step"], state["trained_s"], state["curves"]
 
+    if args.freeze_low:
+        lanes.freeze_low(model, average)
     dataset = task.dataset(args.data, augmented=not args.no_augment)
     batches = Batches(len(dataset), args.batch or task.batch, args.seed, step)
     loader = DataLoader(dataset, batch_sampler=batches, collate_fn=dataset.collate, num_workers=args.workers)
@@ -193,6 +200,7 @@ def main() -> None:
         (args.out / f"{args.task}-curves.json").write_text(json.dumps(curves))
         plot(curves, args.out / f"{args.task}.png")
 
+    rehearsal = lanes.Rehearsal() if task.module is lanes else None
     started = last_save = time.monotonic()
     earlier_s, sums = trained_s, {}
     bar = tqdm(total=args.steps, initial=step, desc=args.task, mininterval=5, dynamic_ncols=True)
@@ -202,12 +210,16 @@ def main() -> None:
             break
         for group in optimizer.param_groups:
             group["lr"] = peak * one_cycle(progress)
-        parts = task.run(model, {k: v.to(device) for k, v in batch.items()})
+        parts = task.run(model, {k: v.to(device) for k, v in batch.items()}, rehearsal)
         total = sum(parts.values())
         optimizer.zero_grad(set_to_none=True)
         total.backward()
         nn.utils.clip_grad_norm_(model.parameters(), 10)
         optimizer.step()
+        for again in rehearsal.losses(model, step) if rehearsal else ():
+            optimizer.zero_grad(set_to_none=True)
+            again.backward()
+            optimizer.step()
         step += 1
         update_average(average, model, step)
         trained_s = earlier_s + time.monotonic() - started

@@ -1,6 +1,6 @@
 use covista_traffic::MarkStyle;
 use covista_world::{FrenetPoint, MARK_COUNT, ROW_ANCHORS};
-use nalgebra::{Isometry3, Point3, Vector2};
+use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 
 use crate::{ObjectRef, Viewpoint};
 
@@ -9,10 +9,12 @@ const RANGE_M: f64 = 100.0;
 const STEP_M: f64 = 0.5;
 /// A ray to a mark ends a little before the ground.
 const CLEARANCE_M: f64 = 0.3;
+/// A mark of which vehicles leave less than this part of its rows in view is not labelled.
+const LEAST_IN_VIEW: f64 = 0.1;
 
 /// Ground truth of the road's four lane marks in one camera image, from the left edge line to the
 /// right one. A mark behind a vehicle counts as seen, one behind scenery or a crest does not; a
-/// mark that is not painted is not labelled.
+/// mark that is not painted, or that vehicles hide from end to end, is not labelled.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MarkTruth {
     /// For each mark its u in pixels at each of the [`ROW_ANCHORS`], where it is seen: of several
@@ -30,7 +32,9 @@ pub fn true_marks(view: &Viewpoint) -> MarkTruth {
     let curves: [Vec<Point3<f64>>; MARK_COUNT] =
         std::array::from_fn(|mark| match view.scene.markings.styles[mark] {
             MarkStyle::None => Vec::new(),
-            MarkStyle::Solid | MarkStyle::Dashed | MarkStyle::Double => sight.curve(mark),
+            MarkStyle::Solid | MarkStyle::Dashed | MarkStyle::Double => Some(sight.curve(mark))
+                .filter(|curve| sight.is_in_view(curve))
+                .unwrap_or_default(),
         });
     MarkTruth {
         pixels: std::array::from_fn(|mark| {
@@ -86,8 +90,24 @@ impl<'a> MarkSight<'a> {
             .inverse_transform_point(point)
     }
 
+    /// Whether vehicles leave enough of the curve's rows in view to know of it.
+    fn is_in_view(&self, curve: &[Point3<f64>]) -> bool {
+        let rows: Vec<_> = ROW_ANCHORS
+            .iter()
+            .filter_map(|anchor| self.crossing(curve, f64::from(anchor.0)))
+            .collect();
+        let free = rows.iter().filter(|point| !self.is_behind_vehicle(point));
+        free.count() as f64 >= LEAST_IN_VIEW * rows.len() as f64
+    }
+
     /// The u at which the row at `v` first shows the curve.
     fn column(&self, curve: &[Point3<f64>], v: f64) -> Option<f32> {
+        let [u, _] = self.pixel(&self.crossing(curve, v)?)?;
+        Some(u as f32)
+    }
+
+    /// The point of the curve that the row at `v` first shows.
+    fn crossing(&self, curve: &[Point3<f64>], v: f64) -> Option<Point3<f64>> {
         let camera = &self.view.calibration.intrinsics;
         let slope = (v - camera.cy_px) / camera.fy_px;
         // Changes its sign where the curve crosses the row; linear along a chord of the curve.
@@ -101,8 +121,7 @@ impl<'a> MarkSight<'a> {
                 return None;
             }
             let point = pair[0].lerp(&pair[1], from / (from - to));
-            let [u, _] = self.pixel(&point)?;
-            (!self.is_hidden(&point)).then_some(u as f32)
+            self.shows(&point).then_some(point)
         })
     }
 
@@ -121,17 +140,31 @@ impl<'a> MarkSight<'a> {
 
     /// Whether scenery or higher ground hides the point.
     fn is_hidden(&self, point: &Point3<f64>) -> bool {
-        let sight = self.world_from_vehicle * point - self.eye;
-        let length_m = sight.norm();
-        let (direction, reach_m) = (sight / length_m, length_m - CLEARANCE_M);
+        let (direction, reach_m) = self.ray_to(point);
         let terrain = &self.view.scene.terrain;
         terrain.meet(&self.eye, &direction, reach_m).is_some()
-            || self.view.rays.blocked(
-                &self.eye.cast(),
-                &direction.cast(),
-                reach_m as f32,
-                |object| matches!(object, ObjectRef::Scenery(_)),
-            )
+            || self.is_behind(point, |object| matches!(object, ObjectRef::Scenery(_)))
+    }
+
+    fn is_behind_vehicle(&self, point: &Point3<f64>) -> bool {
+        let ego = self.view.ego.id;
+        self.is_behind(
+            point,
+            |object| matches!(object, ObjectRef::Vehicle(id) if id != ego),
+        )
+    }
+
+    fn is_behind(&self, point: &Point3<f64>, hides: impl Fn(ObjectRef) -> bool) -> bool {
+        let (direction, reach_m) = self.ray_to(point);
+        let rays = self.view.rays;
+        rays.blocked(&self.eye.cast(), &direction.cast(), reach_m as f32, hides)
+    }
+
+    /// Direction of the ray from the camera and how far it is followed.
+    fn ray_to(&self, point: &Point3<f64>) -> (Vector3<f64>, f64) {
+        let sight = self.world_from_vehicle * point - self.eye;
+        let length_m = sight.norm();
+        (sight / length_m, length_m - CLEARANCE_M)
     }
 }
 
@@ -263,5 +296,25 @@ mod tests {
         assert!(free.pixels[1][10].is_some() && hidden.pixels[1][10].is_none());
         assert_eq!(free.pixels[1][11..], hidden.pixels[1][11..]);
         assert!(hidden.points_m[2].iter().all(|p| p.x < 40.1));
+    }
+
+    #[test]
+    fn a_mark_behind_vehicles_from_end_to_end_is_not_labelled() {
+        let mut scene = empty_road();
+        let free = marks(&scene);
+        // Trucks bumper to bumper between the camera and the leftmost mark.
+        let mut park = |count: u32| {
+            let row = (0..count).map(|place| {
+                let pose = Se2Pose::new(2.0 + 6.0 * f64::from(place), 3.5, 0.0);
+                vehicle(VehicleId(1 + place), VehicleModel::Truck, pose)
+            });
+            scene.vehicles.truncate(1);
+            scene.vehicles.extend(row);
+            marks(&scene)
+        };
+        assert_eq!(park(1), free);
+        let hidden = park(18);
+        assert!(hidden.pixels[0].iter().all(Option::is_none) && hidden.points_m[0].is_empty());
+        assert_eq!(hidden.pixels[2..], free.pixels[2..]);
     }
 }

@@ -37,31 +37,37 @@ pub fn mark_points(pixels: &MarkPixels) -> MarkPoints {
     })
 }
 
+/// Cells on each side of the likeliest one that share in a mark's place.
+const WINDOW_CELLS: usize = 4;
+
 /// Decodes logits [`grid_cells` + 1, row anchors, marks], the last cell being "none".
 ///
-/// Where "none" is not the largest logit, u is `(E + 0.5) * image_width_px / grid_cells` with the
-/// expectation E of the cell's index over the softmax of the cells, and its spread the softmax's
-/// standard deviation.
+/// A mark is seen where its cells together are likelier than "none". Its u is
+/// `(E + 0.5) * image_width_px / grid_cells` with the expectation E of the cell's index over the
+/// softmax of the [`WINDOW_CELLS`] on each side of the likeliest cell; its spread is the root mean
+/// square distance from there over the softmax of all cells.
 pub fn decode(logits: &[f32], grid_cells: usize, image_width_px: u32) -> FoundMarks {
     let cell_px = f64::from(image_width_px) / grid_cells as f64;
     let place = |mark: usize, row: usize| {
         let logit =
             |cell: usize| f64::from(logits[(cell * ROW_ANCHORS.len() + row) * MARK_COUNT + mark]);
-        let largest = (0..grid_cells).map(logit).fold(f64::NEG_INFINITY, f64::max);
-        // Not finite where the network's output isn't: nothing is seen then.
-        if !largest.is_finite() || logit(grid_cells) >= largest {
+        let (best, largest) = (0..grid_cells)
+            .map(|cell| (cell, logit(cell)))
+            .reduce(|best, next| if next.1 > best.1 { next } else { best })?;
+        let weight = |cell: usize| (logit(cell) - largest).exp();
+        let seen: f64 = (0..grid_cells).map(weight).sum();
+        // False also where the network's output is not finite.
+        if !(largest.is_finite() && seen > weight(grid_cells)) {
             return None;
         }
-        let (mut total, mut moment, mut square) = (0.0, 0.0, 0.0);
-        for cell in 0..grid_cells {
-            let weight = (logit(cell) - largest).exp();
-            total += weight;
-            moment += weight * cell as f64;
-            square += weight * (cell as f64).powi(2);
-        }
-        let mean = moment / total;
+        let window = best.saturating_sub(WINDOW_CELLS)..(best + WINDOW_CELLS + 1).min(grid_cells);
+        let total: f64 = window.clone().map(weight).sum();
+        let mean = window.map(|cell| weight(cell) * cell as f64).sum::<f64>() / total;
+        let square: f64 = (0..grid_cells)
+            .map(|cell| weight(cell) * (cell as f64 - mean).powi(2))
+            .sum();
         let u_px = (mean + 0.5) * cell_px;
-        let spread_px = (square / total - mean * mean).max(0.0).sqrt() * cell_px;
+        let spread_px = (square / seen).sqrt() * cell_px;
         u_px.is_finite().then_some((u_px as f32, spread_px as f32))
     };
     let places: [[Option<(f32, f32)>; ROW_ANCHORS.len()]; MARK_COUNT] =
@@ -101,6 +107,23 @@ mod tests {
         assert!((spread - 12.42 * (3.0_f64 / 16.0).sqrt()).abs() < 1e-3);
         assert!(spread_px[2][4].abs() < 1e-9);
         assert_eq!(pixels.iter().flatten().flatten().count(), 1);
+    }
+
+    #[test]
+    fn a_mark_is_seen_where_its_cells_together_outweigh_none_and_far_cells_do_not_pull_it() {
+        // Three cells of e^0 in one place and one far away against "none" of e^1, then of e^1.5.
+        let place = |none: f32| {
+            let logits = logits(|cell, _, _| match cell {
+                30 => 0.1,
+                29 | 31 | 80 => 0.0,
+                CELLS => none,
+                _ => -50.0,
+            });
+            decode(&logits, CELLS, 1242).pixels[0][0]
+        };
+        let u = place(1.0).expect("seen");
+        assert!((f64::from(u) - 30.5 * 12.42).abs() < 1e-3, "{u}");
+        assert_eq!(place(1.5), None);
     }
 
     #[test]

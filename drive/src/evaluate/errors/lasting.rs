@@ -130,7 +130,7 @@ fn decay_s(gap_s: f64, correlation: f64) -> f64 {
     if correlation < LEAST_CORRELATION {
         return 0.0;
     }
-    (gap_s / -correlation.min(1.0).ln()).min(LONGEST_S)
+    (gap_s / correlation.min(1.0).ln().abs()).min(LONGEST_S)
 }
 
 /// From the share of false boxes that stand where the same ego's frame before had one.
