@@ -26,8 +26,8 @@ MARKS = 4
 CELL_PX = IMAGE_WIDTH_PX / CELLS
 MEAN = (0.485, 0.456, 0.406)
 STD = (0.229, 0.224, 0.225)
-WIDTHS = (32, 64, 128, 256)
-HIDDEN = 512
+WIDTHS, HIDDEN = (32, 64, 128, 256), 512
+PAPER_WIDTHS, PAPER_HIDDEN = (64, 128, 256, 512), 2048  # 38 M parameters, for timing
 BELL_CELLS = 0.8
 WINDOW_CELLS = 4
 
@@ -70,9 +70,9 @@ class Ufld(nn.Module):
     """Image [B, 3, 288, 800] to logits [B, 101, 28, 4]; in training also segmentation logits and the
     classifier's input."""
 
-    def __init__(self) -> None:
+    def __init__(self, widths: tuple[int, ...] = WIDTHS, hidden: int = HIDDEN) -> None:
         super().__init__()
-        first = WIDTHS[0]
+        first = widths[0]
         self.stem = nn.Sequential(
             nn.Conv2d(3, first, 7, 2, 3, bias=False),
             nn.BatchNorm2d(first),
@@ -81,20 +81,20 @@ class Ufld(nn.Module):
         )
         self.layers = nn.ModuleList()
         inputs = first
-        for i, width in enumerate(WIDTHS):
+        for i, width in enumerate(widths):
             stride = 1 if i == 0 else 2
             self.layers.append(
                 nn.Sequential(BasicBlock(inputs, width, stride), BasicBlock(width, width, 1))
             )
             inputs = width
-        self.pool = nn.Conv2d(WIDTHS[-1], 8, 1)
+        self.pool = nn.Conv2d(widths[-1], 8, 1)
         features = 8 * (INPUT_HEIGHT_PX // 32) * (INPUT_WIDTH_PX // 32)
         self.classifier = nn.Sequential(
-            nn.Linear(features, HIDDEN),
+            nn.Linear(features, hidden),
             nn.ReLU(),
-            nn.Linear(HIDDEN, (CELLS + 1) * ROWS * MARKS),
+            nn.Linear(hidden, (CELLS + 1) * ROWS * MARKS),
         )
-        self.segmentation = SegmentationHead()
+        self.segmentation = SegmentationHead(widths)
         self.frozen: list[nn.Module] = []
         for module in self.modules():
             if isinstance(module, nn.Conv2d):
@@ -127,9 +127,9 @@ class Ufld(nn.Module):
 class SegmentationHead(nn.Module):
     """Auxiliary head, used in training only: which mark covers each pixel at stride 8."""
 
-    def __init__(self, width: int = 32) -> None:
+    def __init__(self, widths: tuple[int, ...], width: int = 32) -> None:
         super().__init__()
-        self.reduce = nn.ModuleList(nn.Conv2d(w, width, 1) for w in WIDTHS[1:])
+        self.reduce = nn.ModuleList(nn.Conv2d(w, width, 1) for w in widths[1:])
         self.fuse = nn.Sequential(
             nn.Conv2d(3 * width, width, 3, padding=1, bias=False),
             nn.BatchNorm2d(width),
