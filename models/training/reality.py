@@ -47,6 +47,8 @@ def detector(real: Path, model: Path, frame: str = "kitti_000008") -> dict[str, 
     camera_from_lidar, projection = read_calibration(real / f"{frame}_calib.txt")
     points = np.fromfile(real / f"{frame}.bin", np.float32).reshape(-1, 4)
     network = pp.DETECTORS[model.stem]
+    if network.range_m[0] >= 0:
+        points = sweeps.in_view(points, camera_from_lidar, projection)
     found = ev.detect(network, ev.open_model(model), points, ev.anchors_of(network, model))
     keep = found.scores >= SCORE_THRESHOLD
     boxes, scores, classes = found.boxes[keep], found.scores[keep], found.classes[keep]
