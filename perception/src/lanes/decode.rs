@@ -44,7 +44,7 @@ const WINDOW_CELLS: usize = 4;
 ///
 /// A mark is seen where its cells together are likelier than "none". Its u is
 /// `(E + 0.5) * image_width_px / grid_cells` with the expectation E of the cell's index over the
-/// softmax of the [`WINDOW_CELLS`] on each side of the likeliest cell; its spread is the root mean
+/// softmax of the four cells on each side of the likeliest cell; its spread is the root mean
 /// square distance from there over the softmax of all cells.
 pub fn decode(logits: &[f32], grid_cells: usize, image_width_px: u32) -> FoundMarks {
     let cell_px = f64::from(image_width_px) / grid_cells as f64;
