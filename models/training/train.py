@@ -1,7 +1,7 @@
 """Trains one of the networks: `python train.py lanes|pointpillars --data DIR --val DIR --out DIR`.
 
-A run can be stopped at any time and goes on with `--resume`. With `--steps` it repeats itself
-exactly; with `--minutes` the learning rate follows the clock.
+A run can be stopped at any time and goes on with `--resume`. With `--steps` it repeats itself on a
+CPU, the detectors' also across `--resume`; with `--minutes` the learning rate follows the clock.
 """
 
 from __future__ import annotations

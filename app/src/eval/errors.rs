@@ -12,7 +12,7 @@ use serde::Serialize;
 use super::{lacking, with_bar};
 use crate::{
     cli::ErrorsArgs,
-    demo::{count_cavs, load_scenario, progress_bar},
+    demo::{count_cavs, duration_s, load_scenario, progress_bar},
     frames::{error_model, perceiver, perceivers},
     output::{Report, models_folder, prepare_file, say, write_json, write_whole},
     table::aligned,
@@ -42,7 +42,7 @@ pub(super) fn run(args: &ErrorsArgs) -> anyhow::Result<()> {
     let config = args.scenario.as_ref().map(|name| {
         let scenario = load_scenario(name)?;
         anyhow::Ok(RunConfig {
-            duration_s: args.duration.unwrap_or(scenario.duration_s),
+            duration_s: duration_s(args.duration, &scenario)?,
             scenario,
             seed: args.seed,
             sharing: true,

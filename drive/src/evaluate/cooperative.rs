@@ -93,6 +93,8 @@ pub struct CooperativeEvaluation {
     pub frames: usize,
     /// Of all vehicles within 100 m of the ego.
     pub all: KnownVehicles,
+    /// Of those that are no CAVs and so can't tell where they are: what shared perception adds.
+    pub not_cavs: KnownVehicles,
     /// Of those that a CAV within communication range of the ego, or the ego, has in line of
     /// sight, as in OpenCOOD.
     pub seen_by_a_cav: KnownVehicles,
@@ -205,6 +207,7 @@ impl Tally {
             channel: sharing.channel(),
             frames: self.frames.len(),
             all: known(|_| true),
+            not_cavs: known(|target| !target.is_cav),
             seen_by_a_cav: known(|target| target.seen_by_a_cav),
             seen_by_ego: known(|target| target.seen_by_ego),
             hidden_from_ego: known(|target| !target.seen_by_ego),

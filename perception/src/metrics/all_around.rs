@@ -43,9 +43,11 @@ pub fn average_precision(frames: &[(Vec<Detection3d>, Vec<TrueBox>)], min_iou: f
     let curve: Vec<(f64, f64)> = outcomes
         .iter()
         .enumerate()
-        .map(|(i, (_, is_right))| {
+        .filter_map(|(i, (score, is_right))| {
             right += usize::from(*is_right);
-            (right as f64 / count as f64, right as f64 / (i + 1) as f64)
+            // Boxes of one score come together: their order says nothing.
+            let is_last = outcomes.get(i + 1).is_none_or(|next| next.0 < *score);
+            is_last.then(|| (right as f64 / count as f64, right as f64 / (i + 1) as f64))
         })
         .collect();
     let precision_from = |recall: f64| {
@@ -120,6 +122,15 @@ mod tests {
             footprint: at(x, 1.0),
             ignored,
         }
+    }
+
+    #[test]
+    fn the_order_of_equal_scores_says_nothing() {
+        let right = (vec![at(0.1, 0.9)], vec![truth(0.0, false)]);
+        let wrong = (vec![at(40.0, 0.9)], vec![truth(0.0, false)]);
+        let first = average_precision(&[right.clone(), wrong.clone()], 0.7);
+        assert_eq!(first, average_precision(&[wrong, right], 0.7));
+        assert_eq!(first, Some(0.25));
     }
 
     #[test]

@@ -16,6 +16,8 @@ pub(super) struct Target {
     /// Of the rear axle in the world, in m/s.
     pub velocity_mps: Vector2<f64>,
     pub within_range: bool,
+    /// Such a vehicle tells its own place, where messages arrive.
+    pub is_cav: bool,
     pub seen_by_ego: bool,
     /// By the ego or another CAV that it has a link to.
     pub seen_by_a_cav: bool,
@@ -54,6 +56,7 @@ impl Target {
                     },
                     velocity_mps: vehicle.state.pose.forward() * vehicle.state.speed_mps,
                     within_range: is_within_range(ego, center.position()),
+                    is_cav: snapshot.cavs.iter().any(|cav| cav.id == vehicle.id),
                     seen_by_ego: seen_by(ego.id),
                     seen_by_a_cav: group.iter().any(|&cav| seen_by(cav)),
                 }

@@ -173,6 +173,7 @@ mod tests {
             },
             velocity_mps: Vector2::new(10.0, 0.0),
             within_range: x_m <= 100.0,
+            is_cav: false,
             seen_by_ego: true,
             seen_by_a_cav: true,
         }
