@@ -5,15 +5,14 @@ use covista_drive::{
     ChannelSettings, ControlSettings, RunConfig, RunSummary, Scenario, Senses, Snapshot,
     TRACE_HEADER, VehicleKind, run,
 };
-use covista_perception::list_models;
 use covista_viewer::{open_viewer, plot_speeds, plot_trajectories};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use crate::{
     cli::{DemoArgs, PerceptionArg, SharingArg},
-    frames::{error_model, perceivers},
-    output::{models_folder, prepare_file, prepare_folder, say, write_json, write_whole},
+    frames::{error_model, network_hashes, perceivers},
+    output::{prepare_file, prepare_folder, say, write_json, write_whole},
     record::{Recorded, Recorder},
     replay::{self, is_recorded},
     table::side_by_side,
@@ -199,9 +198,7 @@ pub fn senses(
         }
         PerceptionArg::Network => {
             let networks = perceivers(models, cavs)?;
-            let cards = list_models(&models_folder(models))?.into_iter();
-            let hashes = cards.map(|card| (card.id, card.sha256)).collect();
-            Ok((Senses::Network(networks), hashes))
+            Ok((Senses::Network(networks), network_hashes(models)?))
         }
     }
 }

@@ -1,8 +1,10 @@
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
 
 use anyhow::bail;
 use covista_drive::calibration_of;
-use covista_perception::{Detector, LaneFinder, OnnxRuntime, Perceiver};
+use covista_perception::{
+    DETECTOR_MODEL, Detector, LANE_MODEL, LaneFinder, OnnxRuntime, Perceiver, list_models,
+};
 use covista_sensors::{
     ErrorModel,
     kitti::{KittiFrame, kitti_frames},
@@ -80,6 +82,13 @@ pub fn perceivers(models: Option<&Path>, most: usize) -> anyhow::Result<Vec<Perc
     (0..threads.min(most.max(1)))
         .map(|_| Ok(Perceiver::new(&runtime, &folder, 1)?))
         .collect()
+}
+
+/// The hashes of the two networks that the closed loop runs, by their ids.
+pub fn network_hashes(models: Option<&Path>) -> anyhow::Result<BTreeMap<String, String>> {
+    let cards = list_models(&models_folder(models))?.into_iter();
+    let in_use = cards.filter(|card| [DETECTOR_MODEL, LANE_MODEL].contains(&card.id.as_str()));
+    Ok(in_use.map(|card| (card.id, card.sha256)).collect())
 }
 
 /// The networks' errors in a file, or those that come with covista.

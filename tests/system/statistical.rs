@@ -39,6 +39,19 @@ fn demo(seed: u64, arguments: &[&str]) -> Value {
 }
 
 #[test]
+fn the_errors_are_those_of_the_shipped_networks() {
+    let read = |path: &str| {
+        let text = fs::read_to_string(root().join(path)).expect("a file");
+        text.parse::<toml::Table>().expect("TOML")
+    };
+    let fitted = read(MODEL);
+    for id in ["pointpillars", "ufld-resnet18"] {
+        let card = read(&format!("models/{id}.toml"));
+        assert_eq!(fitted["source"]["networks"][id], card["sha256"], "{id}");
+    }
+}
+
+#[test]
 fn with_the_networks_errors_the_left_lane_is_left_before_the_obstacle_is_in_sight() {
     for seed in [1000, 1001] {
         let summary = demo(seed, &[]);

@@ -5,7 +5,6 @@ use covista_drive::{
     ChannelSettings, ControlSettings, DataOrigin, ErrorFigures, ErrorFrames, Evaluated, RunConfig,
     figures_by_distance, fit_errors, perceive_dataset, perceive_scenario,
 };
-use covista_perception::list_models;
 use covista_sensors::{ErrorModel, ErrorSource, kitti::kitti_frames};
 use serde::Serialize;
 
@@ -13,8 +12,8 @@ use super::{lacking, with_bar};
 use crate::{
     cli::ErrorsArgs,
     demo::{count_cavs, duration_s, load_scenario, progress_bar},
-    frames::{error_model, perceiver, perceivers},
-    output::{Report, models_folder, prepare_file, say, write_json, write_whole},
+    frames::{error_model, network_hashes, perceiver, perceivers},
+    output::{Report, prepare_file, say, write_json, write_whole},
     table::aligned,
 };
 
@@ -116,7 +115,6 @@ fn fit(
     let duration = args.duration.map_or_else(String::new, |duration_s| {
         format!(" --duration {duration_s}")
     });
-    let cards = list_models(&models_folder(args.models.as_deref()))?;
     let source = ErrorSource {
         command: format!(
             "covista eval errors --data {folder} --scenario {scenario} --seed {}{duration} --out {}",
@@ -133,10 +131,7 @@ fn fit(
             args.seed,
             closed_loop.frames.len()
         ),
-        networks: cards
-            .into_iter()
-            .map(|card| (card.id, card.sha256))
-            .collect(),
+        networks: network_hashes(args.models.as_deref())?,
     };
     let model = fit_errors(frames, closed_loop, source)?;
     let mut text = HEADER.to_owned();
