@@ -87,7 +87,7 @@ fn the_model_errs_as_the_networks_do_on_the_same_scenes() {
     let data = folder.path().join("data");
     output_of(
         covista()
-            .args(["dataset", "--frames", "12", "--seed", "9", "--split", "val"])
+            .args(["dataset", "--frames", "24", "--seed", "9", "--split", "val"])
             .arg("--out")
             .arg(&data),
     );

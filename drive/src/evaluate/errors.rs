@@ -19,7 +19,7 @@ pub use compare::{ErrorFigures, figures_by_distance};
 pub use fit::{FitError, fit_errors};
 
 use super::{EvaluateError, Evaluated, Progress, file_of};
-use crate::recorded::{FittedPicture, with_files};
+use crate::recorded::{FittedPicture, Lacking, with_files};
 use crate::run::{RunConfig, RunError, Snapshot, run};
 use crate::senses::Senses;
 use matching::matched;
@@ -131,7 +131,9 @@ impl ErrorFrames {
     }
 }
 
-/// Runs both networks on the frames of a data set that `covista dataset` wrote.
+/// Runs both networks on the frames of a data set that `covista dataset` wrote: those of roads with
+/// painted lanes, as scenarios have them. Streets without are left out, with their parked cars in
+/// both directions and lanes that nobody can tell.
 ///
 /// # Errors
 /// When no frame has all that is needed, a file is unusable or a network fails.
@@ -140,7 +142,7 @@ pub fn perceive_dataset(
     perceiver: &mut Perceiver,
     progress: Progress<'_>,
 ) -> Result<Evaluated<(ErrorFrames, DataOrigin)>, EvaluateError> {
-    let (usable, lacking) = with_files(
+    let (usable, mut lacking) = with_files(
         frames,
         &[
             ("velodyne", |frame| &frame.cloud),
@@ -154,12 +156,19 @@ pub fn perceive_dataset(
         split: String::new(),
     };
     let mut perceived = Vec::new();
+    let mut unmarked = 0;
     for (index, frame) in usable.iter().enumerate() {
         let SceneFile {
             seed,
             split,
+            marked,
             vehicles,
         } = read_scene(file_of(&frame.scene)?)?;
+        progress(index + 1, usable.len());
+        if !marked {
+            unmarked += 1;
+            continue;
+        }
         let calibration = read_rig(file_of(&frame.calibration)?)?;
         let Some(picture) = FittedPicture::read(frame, perceiver.image_size_px())? else {
             continue;
@@ -178,14 +187,19 @@ pub fn perceive_dataset(
             found: in_lidar(&percepts, &calibration),
         });
         origin = DataOrigin { seed, split };
-        progress(index + 1, usable.len());
+    }
+    if unmarked > 0 {
+        lacking.push(Lacking {
+            file: "marks between the lanes",
+            frames: unmarked,
+        });
     }
     let range_m = range_of(perceiver);
     let frames = ErrorFrames {
         range_m,
         frames: perceived,
     };
-    Evaluated::new(usable.len(), lacking, (frames, origin))
+    Evaluated::new(frames.frames.len(), lacking, (frames, origin))
 }
 
 /// Drives a scenario on exact percepts, and runs both networks on what every CAV measures at each

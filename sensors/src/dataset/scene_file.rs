@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use covista_traffic::{VehicleId, VehicleModel};
-use covista_world::{Detection3d, LaneIndex};
+use covista_world::{Detection3d, LaneIndex, MARK_COUNT};
 use nalgebra::Vector3;
 use serde::Deserialize;
 
@@ -17,6 +17,8 @@ pub struct SceneFile {
     pub seed: u64,
     /// Its split.
     pub split: String,
+    /// Whether both marks between the three lanes are labelled: all freeways, no street.
+    pub marked: bool,
     /// The vehicles other than the own one, hidden ones included.
     pub vehicles: Vec<SeenVehicle>,
 }
@@ -25,6 +27,8 @@ pub struct SceneFile {
 struct Record {
     seed: u64,
     split: String,
+    #[serde(default)]
+    marks_m: [Vec<[f64; 2]>; MARK_COUNT],
     vehicles: Vec<Vehicle>,
 }
 
@@ -68,6 +72,9 @@ pub fn read_scene(path: &Path) -> Result<SceneFile, KittiError> {
     });
     Ok(SceneFile {
         seed: record.seed,
+        marked: record.marks_m[1..MARK_COUNT - 1]
+            .iter()
+            .all(|mark| !mark.is_empty()),
         vehicles: vehicles.collect::<Result<_, KittiError>>()?,
         split: record.split,
     })
