@@ -65,7 +65,7 @@ def road_picture() -> np.ndarray:
 @torch.no_grad()
 def lane_reference(model: nn.Module) -> dict[str, object]:
     """Sampled logits and the decoded marks of [`road_picture`]."""
-    small = lanes.resize(torch.from_numpy(road_picture()))
+    small = lanes.resample(torch.from_numpy(road_picture()))
     cells = model(lanes.normalise(small[None]))
     marks = lanes.decode(cells)[0].T
     return {

@@ -32,11 +32,16 @@ BELL_CELLS = 0.8
 WINDOW_CELLS = 4
 
 
-def resize(image: Tensor) -> Tensor:
-    """uint8 [H, W, 3] to uint8 [288, 800, 3]: bilinear, pixel centres aligned, no antialias."""
+def resample(image: Tensor) -> Tensor:
+    """uint8 [H, W, 3] to float [288, 800, 3]: bilinear, pixel centres aligned, no antialias."""
     chw = image.permute(2, 0, 1)[None].float()
     small = F.interpolate(chw, (INPUT_HEIGHT_PX, INPUT_WIDTH_PX), mode="bilinear")
-    return small[0].permute(1, 2, 0).round().to(torch.uint8)
+    return small[0].permute(1, 2, 0)
+
+
+def resize(image: Tensor) -> Tensor:
+    """The same to bytes, which training keeps in its cache; Rust doesn't round."""
+    return resample(image).round().to(torch.uint8)
 
 
 def normalise(images: Tensor) -> Tensor:
