@@ -93,7 +93,7 @@ fn table(
     let mut rows = vec![row("", found, |row| name(row.sharing).to_owned())];
     let sets: [(&str, Set); 5] = [
         ("all within 100 m", |row| &row.all),
-        ("of these no CAVs", |row| &row.not_cavs),
+        ("of these, not CAVs", |row| &row.not_cavs),
         ("seen by a CAV", |row| &row.seen_by_a_cav),
         ("seen by the ego", |row| &row.seen_by_ego),
         ("hidden from the ego", |row| &row.hidden_from_ego),
