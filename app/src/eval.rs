@@ -8,13 +8,15 @@ mod lanes;
 
 use anyhow::bail;
 use covista_drive::{Evaluated, Lacking, Progress};
+use covista_sensors::kitti::KittiFrame;
 use indicatif::ProgressBar;
 use serde::Serialize;
 
 use crate::{
     cli::{EvalArgs, EvalWhat, RecordedArgs},
     dataset::frame_bar,
-    output::{Report, write_json},
+    frames::recorded_frames,
+    output::{Report, prepare_file, write_json},
 };
 
 /// A row of `--json`: the model, the frames, and its figures.
@@ -47,6 +49,18 @@ fn with_bar<T>(work: impl FnOnce(Progress<'_>) -> T) -> T {
     });
     bar.finish_and_clear();
     result
+}
+
+/// The frames to measure on, once it is known that the figures can be written.
+fn frames_of(args: &RecordedArgs) -> anyhow::Result<Vec<KittiFrame>> {
+    if let Some(json) = &args.json {
+        prepare_file(json)?;
+    }
+    recorded_frames(
+        &args.data,
+        args.calibration.as_deref(),
+        args.labels.as_deref(),
+    )
 }
 
 fn without_labels(args: &RecordedArgs, what: &str) -> anyhow::Result<()> {

@@ -3,11 +3,11 @@ use covista_drive::{Bar, ClassEvaluation, evaluate_detector};
 use covista_perception::{DETECTOR_MODEL, Detector};
 use covista_sensors::kitti::{KittiFrame, read_cloud};
 
-use super::{lacking, report, with_bar, without_labels};
+use super::{frames_of, lacking, report, with_bar, without_labels};
 use crate::{
     cli::NetworkArgs,
-    frames::{detector, recorded_frames},
-    output::{prepare_file, say},
+    frames::detector,
+    output::say,
     table::{aligned, box_rows, optional},
 };
 
@@ -15,14 +15,7 @@ use crate::{
 pub(super) fn run(args: &NetworkArgs) -> anyhow::Result<()> {
     let model = args.model.as_deref().unwrap_or(DETECTOR_MODEL);
     let args = &args.recorded;
-    if let Some(json) = &args.json {
-        prepare_file(json)?;
-    }
-    let frames = recorded_frames(
-        &args.data,
-        args.calibration.as_deref(),
-        args.labels.as_deref(),
-    )?;
+    let frames = frames_of(args)?;
     let mut detector = detector(args.models.as_deref(), model)?;
     if let [frame] = &*frames
         && args.data.is_file()

@@ -4,26 +4,14 @@ use covista_perception::{LANE_MODEL, LaneFinder};
 use covista_sensors::kitti::KittiFrame;
 use covista_world::ROW_ANCHORS;
 
-use super::{lacking, report, with_bar, without_labels};
-use crate::{
-    cli::NetworkArgs,
-    frames::{lane_finder, recorded_frames},
-    output::{prepare_file, say},
-    table::aligned,
-};
+use super::{frames_of, lacking, report, with_bar, without_labels};
+use crate::{cli::NetworkArgs, frames::lane_finder, output::say, table::aligned};
 
 /// `covista eval lanes`.
 pub(super) fn run(args: &NetworkArgs) -> anyhow::Result<()> {
     let model = args.model.as_deref().unwrap_or(LANE_MODEL);
     let args = &args.recorded;
-    if let Some(json) = &args.json {
-        prepare_file(json)?;
-    }
-    let frames = recorded_frames(
-        &args.data,
-        args.calibration.as_deref(),
-        args.labels.as_deref(),
-    )?;
+    let frames = frames_of(args)?;
     let mut finder = lane_finder(args.models.as_deref(), model)?;
     if let [frame] = &*frames
         && args.data.is_file()
