@@ -18,7 +18,7 @@ use rayon::prelude::*;
 
 pub use error::DatasetError;
 pub use manifest::Manifest;
-pub use scene_file::{SceneFile, read_scene};
+pub use scene_file::{RecordedVehicle, SceneFile, read_scene};
 pub use spec::{DatasetSpec, Format, Split, TruthFile, lidar_of};
 
 use folder::Folder;

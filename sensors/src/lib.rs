@@ -47,8 +47,8 @@ pub use boxes::{TruthBox, in_line_of_sight, seen_vehicles, truth_boxes, truth_de
 pub use camera::take_picture;
 pub use caster::{Hit, ObjectRef, RayScene, Sighting};
 pub use dataset::{
-    DatasetError, DatasetSpec, Format, Manifest, SceneFile, Split, TruthFile, lidar_of, read_scene,
-    stop_flag, write_dataset,
+    DatasetError, DatasetSpec, Format, Manifest, RecordedVehicle, SceneFile, Split, TruthFile,
+    lidar_of, read_scene, stop_flag, write_dataset,
 };
 pub use exposure::{Bonnet, CameraSettings};
 pub use lidar::{Beam, LabelledCloud, Lidar, LidarError, Motion, PointLabel};

@@ -183,7 +183,7 @@ pub fn perceive_dataset(
             ego: VehicleId(index as u32),
             time_s: 0.0,
             lidar: Se2Pose::default(),
-            truth: vehicles,
+            truth: vehicles.into_iter().map(|vehicle| vehicle.seen).collect(),
             found: in_lidar(&percepts, &calibration),
         });
         origin = DataOrigin { seed, split };

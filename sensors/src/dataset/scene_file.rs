@@ -20,7 +20,16 @@ pub struct SceneFile {
     /// Whether both marks between the three lanes are labelled: all freeways, no street.
     pub marked: bool,
     /// The vehicles other than the own one, hidden ones included.
-    pub vehicles: Vec<SeenVehicle>,
+    pub vehicles: Vec<RecordedVehicle>,
+}
+
+/// A vehicle of the record.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RecordedVehicle {
+    /// As it truly is.
+    pub seen: SeenVehicle,
+    /// Returns of the LIDAR from it.
+    pub lidar_points: usize,
 }
 
 #[derive(Deserialize)]
@@ -41,6 +50,7 @@ struct Vehicle {
     size_m: [f64; 3],
     yaw_rad: f64,
     visibility: f64,
+    lidar_points: usize,
 }
 
 /// Reads the record of a frame.
@@ -57,7 +67,7 @@ pub fn read_scene(path: &Path) -> Result<SceneFile, KittiError> {
             .into_iter()
             .find(|model| format!("{model:?}").to_lowercase() == vehicle.model)
             .ok_or_else(|| malformed(format!("there is no vehicle model {}", vehicle.model)))?;
-        Ok(SeenVehicle {
+        let seen = SeenVehicle {
             id: VehicleId(vehicle.id),
             truth: Detection3d {
                 center_m: Vector3::from(vehicle.center_m),
@@ -68,6 +78,10 @@ pub fn read_scene(path: &Path) -> Result<SceneFile, KittiError> {
             },
             lane: vehicle.lane,
             visibility: vehicle.visibility,
+        };
+        Ok(RecordedVehicle {
+            seen,
+            lidar_points: vehicle.lidar_points,
         })
     });
     Ok(SceneFile {
@@ -99,9 +113,12 @@ mod tests {
         let [bus] = scene.vehicles.as_slice() else {
             panic!("one vehicle: {scene:?}")
         };
-        assert_eq!((bus.id, bus.lane), (VehicleId(3), LaneIndex::new(2)));
-        assert_eq!(bus.truth.class, ObjectClass::Truck);
-        assert!((bus.truth.size_m.x - 12.0).abs() < 1e-12);
+        assert_eq!(
+            (bus.seen.id, bus.seen.lane),
+            (VehicleId(3), LaneIndex::new(2))
+        );
+        assert_eq!(bus.seen.truth.class, ObjectClass::Truck);
+        assert!((bus.seen.truth.size_m.x - 12.0).abs() < 1e-12);
         for (from, to) in [("bus", "tank"), ("\"seed\":5,", ""), ("}]}", "}]")] {
             std::fs::write(&path, text.replace(from, to)).expect("written");
             let said = read_scene(&path).expect_err("refused").to_string();

@@ -1,9 +1,11 @@
 //! The truth of one frame: its record in `scenes/`, and the angles in its labels.
 
-use covista_sensors::kitti::{KittiFrame, read_labels};
-use covista_world::{Calibration, Detection3d, LaneIndex, ObjectClass};
-use nalgebra::Vector3;
-use serde::Deserialize;
+use covista_sensors::{
+    RecordedVehicle,
+    kitti::{KittiFrame, read_labels},
+    read_scene as read_record,
+};
+use covista_world::{Calibration, Detection3d, LaneIndex};
 
 use super::super::{EvaluateError, file_of};
 
@@ -34,22 +36,6 @@ pub(super) struct Angles {
     pub rotation_y_rad: f64,
 }
 
-#[derive(Deserialize)]
-struct Record {
-    seed: u64,
-    split: String,
-    vehicles: Vec<Vehicle>,
-}
-
-#[derive(Deserialize)]
-struct Vehicle {
-    lane: Option<LaneIndex>,
-    center_m: [f64; 3],
-    size_m: [f64; 3],
-    yaw_rad: f64,
-    lidar_points: usize,
-}
-
 /// Reads the truth of a frame.
 ///
 /// # Errors
@@ -58,27 +44,19 @@ pub(super) fn read_scene(
     frame: &KittiFrame,
     calibration: &Calibration,
 ) -> Result<SceneTruth, EvaluateError> {
-    let path = file_of(&frame.scene)?;
-    let text = std::fs::read_to_string(path).map_err(|error| EvaluateError::file(path, error))?;
-    let record: Record =
-        serde_json::from_str(&text).map_err(|error| EvaluateError::file(path, error))?;
+    let scene = read_record(file_of(&frame.scene)?)?;
     let labels = read_labels(file_of(&frame.labels)?)?;
-    let vehicles = record.vehicles.into_iter().map(|vehicle| {
-        let center_m = Vector3::from(vehicle.center_m);
+    let vehicles = scene.vehicles.into_iter().map(|vehicle| {
+        let RecordedVehicle { seen, lidar_points } = vehicle;
+        let center_m = seen.truth.center_m;
         let label = labels.iter().find(|label| {
             let (label_m, _) = label.pose_in_lidar(calibration);
             (label_m - center_m).norm() < SAME_PLACE_M
         });
         TrueVehicle {
-            body: Detection3d {
-                center_m,
-                size_m: Vector3::from(vehicle.size_m),
-                yaw_rad: vehicle.yaw_rad,
-                class: ObjectClass::Car,
-                score: 1.0,
-            },
-            lane: vehicle.lane,
-            lidar_points: vehicle.lidar_points,
+            body: seen.truth,
+            lane: seen.lane,
+            lidar_points,
             angles: label.map(|label| Angles {
                 alpha_rad: label.alpha_rad,
                 rotation_y_rad: label.rotation_y_rad,
@@ -86,8 +64,8 @@ pub(super) fn read_scene(
         }
     });
     Ok(SceneTruth {
-        seed: record.seed,
-        split: record.split,
+        seed: scene.seed,
+        split: scene.split,
         vehicles: vehicles.collect(),
     })
 }
