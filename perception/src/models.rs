@@ -6,7 +6,7 @@ use ort::session::Session;
 use ort::value::{Outlet, TensorElementType, ValueType};
 
 use crate::card::{CardError, Dimension, ModelCard, TensorSpec};
-use crate::runtime::{OnnxRuntime, hex_sha256, one_line};
+use crate::runtime::{OnnxRuntime, SessionSettings, hex_sha256, one_line};
 
 /// Id of the lane network that the [`crate::Perceiver`] uses.
 pub const LANE_MODEL: &str = "ufld-resnet18";
@@ -139,17 +139,17 @@ pub fn find_model(folder: &Path, id: &str) -> Result<ModelCard, ModelError> {
 /// # Errors
 /// Says in one line what doesn't fit.
 pub fn verify_model(runtime: &OnnxRuntime, card: &ModelCard) -> Result<(), ModelError> {
-    open_model(runtime, card, 1).map(drop)
+    open_model(runtime, card, SessionSettings::cpu(1)).map(drop)
 }
 
-/// A verified session for the model of `card` that computes with `threads` threads.
+/// A verified session for the model of `card`.
 ///
 /// # Errors
 /// Says in one line what doesn't fit.
 pub fn open_model(
     runtime: &OnnxRuntime,
     card: &ModelCard,
-    threads: usize,
+    settings: SessionSettings,
 ) -> Result<Session, ModelError> {
     let path = || card.file.clone();
     let bytes = std::fs::read(&card.file).map_err(|source| ModelError::Missing {
@@ -165,7 +165,7 @@ pub fn open_model(
         });
     }
     let session = runtime
-        .session(&bytes, threads)
+        .session(&bytes, settings)
         .map_err(|error| ModelError::Refused {
             path: path(),
             reason: one_line(&error.to_string()),

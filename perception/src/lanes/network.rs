@@ -5,7 +5,7 @@ use ort::value::TensorRef;
 
 use crate::card::{Dimension, ModelCard, UfldSpec};
 use crate::models::{ModelError, open_model};
-use crate::runtime::OnnxRuntime;
+use crate::runtime::{OnnxRuntime, SessionSettings};
 
 /// The lane network.
 #[derive(Debug)]
@@ -23,9 +23,9 @@ impl LaneNetwork {
         runtime: &OnnxRuntime,
         card: &ModelCard,
         spec: &UfldSpec,
-        threads: usize,
+        settings: SessionSettings,
     ) -> Result<Self, ModelError> {
-        let session = open_model(runtime, card, threads)?;
+        let session = open_model(runtime, card, settings)?;
         let mismatch = |reason: &str| ModelError::Mismatch {
             path: card.file.clone(),
             reason: reason.into(),

@@ -1,6 +1,7 @@
 //! ONNX Runtime as a library that is loaded when it is needed.
 
 mod acquire;
+mod provider;
 
 pub(crate) use acquire::hex_sha256;
 
@@ -12,6 +13,7 @@ use ort::ep;
 use ort::session::Session;
 
 pub use acquire::ONNX_RUNTIME_VERSION;
+pub use provider::{Provider, ProviderChoice, SessionSettings, UnknownProvider};
 
 /// Why ONNX Runtime can't be used; each message is one line.
 #[derive(Debug, thiserror::Error)]
@@ -25,6 +27,14 @@ pub enum RuntimeError {
     )]
     Missing {
         /// What went wrong when fetching it.
+        reason: String,
+    },
+    /// The provider is not to be had on this machine.
+    #[error("the provider {provider} is not available ({reason}): choose cpu or auto")]
+    Unavailable {
+        /// What was asked for.
+        provider: Provider,
+        /// Why.
         reason: String,
     },
     /// The library is there and can't be loaded.
@@ -92,13 +102,41 @@ impl OnnxRuntime {
         &self.library
     }
 
-    /// A session on the CPU provider for the ONNX file in `model`, with `threads` threads.
-    pub(crate) fn session(&self, model: &[u8], threads: usize) -> ort::Result<Session> {
+    /// Makes the provider that is asked for ready for sessions, fetched if need be, and says which
+    /// it is; `progress` is told before anything that takes long. For [`ProviderChoice::Auto`]
+    /// nothing is fetched.
+    ///
+    /// # Errors
+    /// It is not to be had on this machine; one line says why.
+    pub fn provide(
+        &self,
+        choice: ProviderChoice,
+        _progress: &dyn Fn(&str),
+    ) -> Result<Provider, RuntimeError> {
+        match choice {
+            ProviderChoice::Auto | ProviderChoice::Only(Provider::Cpu) => Ok(Provider::Cpu),
+            ProviderChoice::Only(provider) => Err(unavailable(provider)),
+        }
+    }
+
+    /// A session for the ONNX file in `model`; its provider was made ready by [`Self::provide`].
+    pub(crate) fn session(&self, model: &[u8], settings: SessionSettings) -> ort::Result<Session> {
+        let SessionSettings { provider, threads } = settings;
+        if provider != Provider::Cpu {
+            return Err(ort::Error::new(unavailable(provider).to_string()));
+        }
         Session::builder(&self.environment)?
             .with_execution_providers([ep::CPU::default().with_arena_allocator(true).build()])?
             .with_intra_threads(threads)?
             .with_intra_op_spinning(false)?
             .commit_from_memory(model)
+    }
+}
+
+fn unavailable(provider: Provider) -> RuntimeError {
+    RuntimeError::Unavailable {
+        provider,
+        reason: "it is not built in".into(),
     }
 }
 
