@@ -6,7 +6,7 @@ use ort::session::Session;
 use ort::value::{Outlet, TensorElementType, ValueType};
 
 use crate::card::{CardError, Dimension, ModelCard, TensorSpec};
-use crate::runtime::{OnnxRuntime, SessionSettings, hex_sha256, one_line};
+use crate::runtime::{OnnxRuntime, Provider, SessionSettings, hex_sha256, one_line};
 
 /// Id of the lane network that the [`crate::Perceiver`] uses.
 pub const LANE_MODEL: &str = "ufld-resnet18";
@@ -76,6 +76,18 @@ pub enum ModelError {
     Refused {
         /// The ONNX file.
         path: PathBuf,
+        /// What ONNX Runtime says.
+        reason: String,
+    },
+    /// A provider other than the CPU's does not take the file.
+    #[error(
+        "the provider {provider} can't compute the model {path} ({reason}): choose the provider cpu"
+    )]
+    Unsupported {
+        /// The ONNX file.
+        path: PathBuf,
+        /// What was to compute it.
+        provider: Provider,
         /// What ONNX Runtime says.
         reason: String,
     },
@@ -166,10 +178,7 @@ pub fn open_model(
     }
     let session = runtime
         .session(&bytes, settings)
-        .map_err(|error| ModelError::Refused {
-            path: path(),
-            reason: one_line(&error.to_string()),
-        })?;
+        .map_err(|error| refused(card, settings.provider, &error))?;
     compare("input", &card.inputs, session.inputs())
         .and_then(|()| compare("output", &card.outputs, session.outputs()))
         .map_err(|reason| ModelError::Mismatch {
@@ -177,6 +186,19 @@ pub fn open_model(
             reason,
         })?;
     Ok(session)
+}
+
+/// ONNX Runtime's `error` with the model of `card` on a provider.
+pub(crate) fn refused(card: &ModelCard, provider: Provider, error: &ort::Error) -> ModelError {
+    let (path, reason) = (card.file.clone(), one_line(&error.to_string()));
+    match provider {
+        Provider::Cpu => ModelError::Refused { path, reason },
+        _ => ModelError::Unsupported {
+            path,
+            provider,
+            reason,
+        },
+    }
 }
 
 fn compare(what: &str, specs: &[TensorSpec], outlets: &[Outlet]) -> Result<(), String> {

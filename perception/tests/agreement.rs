@@ -131,12 +131,10 @@ fn the_lane_network_agrees_with_pytorch() {
     let size = [spec.image_width_px, spec.image_height_px].map(|side| side as usize);
     let mut resize = Resize::new(size, network.input_size(), spec.mean, spec.std);
     let reference = reference("lanes.json");
-    let marks = network
-        .run(resize.apply(&road_picture()), |logits| {
-            assert_alike(logits, &reference["cells"]);
-            decode(logits, spec.grid_cells, spec.image_width_px)
-        })
-        .expect("logits");
+    resize.apply(&road_picture(), network.input_mut());
+    let logits = network.run().expect("logits");
+    assert_alike(logits, &reference["cells"]);
+    let marks = decode(logits, spec.grid_cells, spec.image_width_px);
     let expected = reference["marks_px"].as_array().expect("marks");
     for (mark, expected) in marks.pixels.iter().zip(expected) {
         for (u, expected) in mark.iter().zip(expected.as_array().expect("rows")) {

@@ -75,15 +75,15 @@ impl LaneFinder {
             image_width_px,
             ..
         } = self.spec;
-        let input = self.resize.apply(image);
-        self.network
-            .run(input, |logits| {
-                decode::decode(logits, grid_cells, image_width_px)
-            })
+        self.resize.apply(image, self.network.input_mut());
+        let logits = self
+            .network
+            .run()
             .map_err(|error| PerceiveError::Inference {
                 model: self.id.clone(),
                 reason: one_line(&error.to_string()),
-            })
+            })?;
+        Ok(decode::decode(logits, grid_cells, image_width_px))
     }
 
     /// # Errors
