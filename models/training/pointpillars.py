@@ -247,13 +247,17 @@ class PointPillars(nn.Module):
         return classes, boxes.reshape(*shape, 7), directions.reshape(*shape, 2)
 
     def maps(self, canvas: Tensor) -> tuple[Tensor, ...]:
-        """What is exported: the canvas to maps of 4, 4 * 7 and 4 * 2 channels, channels first."""
+        """The canvas to maps of 4, 4 * 7 and 4 * 2 channels, channels first."""
+        x = self.neck(canvas)
+        return self.classes(x), self.boxes(x), self.directions(x)
+
+    def neck(self, canvas: Tensor) -> Tensor:
+        """The canvas to what the heads read."""
         x, maps = canvas, []
         for block, up in zip(self.blocks, self.ups):
             x = block(x)
             maps.append(up(x))
-        x = torch.cat(maps, 1)
-        return self.classes(x), self.boxes(x), self.directions(x)
+        return torch.cat(maps, 1)
 
 
 @torch.no_grad()
