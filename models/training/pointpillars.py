@@ -18,6 +18,7 @@ from torch.nn import functional as F
 
 PILLAR_M = 0.16
 STRIDE = 2
+MEAN_ROUNDER = 1.5 * 2.0 ** (52 - 36)  # rounds to 2^-36 m: sums of a pillar's points are exact
 HASH_FACTORS = (0x9E3779B1, 0x85EBCA77, 0xC2B2AE3D, 0x27D4EB2F)
 CLASSES = ("car", "truck")
 BOX_WEIGHTS = (1.0, 1.0, 3.0, 1.0, 1.0, 2.0, 1.0)  # the overlap in 3D fails by height first
@@ -137,7 +138,8 @@ def voxelize(points: np.ndarray, detector: Detector) -> Pillars:
     points, cell, pillar = points[taken], cell[taken], pillar[taken]
 
     numbers = np.minimum(counts[kept], detector.max_points)
-    sums = np.stack([np.bincount(pillar, points[:, i], len(kept)) for i in range(3)], 1)
+    rounded = (points[:, :3].astype(np.float64) + MEAN_ROUNDER) - MEAN_ROUNDER
+    sums = np.stack([np.bincount(pillar, rounded[:, i], len(kept)) for i in range(3)], 1)
     mean = (sums / numbers[:, None]).astype(np.float32)
     center = (cell.astype(np.float32) + np.float32(0.5)) * np.float32(PILLAR_M) + low[:2]
     offsets = (points[:, :3] - mean[pillar], points[:, :2] - center)
