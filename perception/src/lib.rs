@@ -21,7 +21,8 @@ pub mod pointpillars;
 mod runtime;
 
 pub use card::{
-    AnchorSpec, CardError, Dimension, ModelCard, Network, PointPillarsSpec, TensorSpec, UfldSpec,
+    AnchorSpec, CardError, Cost, Dimension, ModelCard, Network, PointPillarsSpec, TensorSpec,
+    UfldSpec,
 };
 pub use lanes::finder::LaneFinder;
 pub use models::{
@@ -29,4 +30,7 @@ pub use models::{
 };
 pub use perceiver::{FramePercepts, PerceiveError, Perceiver, StageTimes};
 pub use pointpillars::detector::Detector;
-pub use runtime::{ONNX_RUNTIME_VERSION, OnnxRuntime, RuntimeError};
+pub use runtime::{
+    ONNX_RUNTIME_VERSION, OnnxRuntime, Provider, ProviderChoice, RuntimeError, SessionSettings,
+    UnknownProvider,
+};
