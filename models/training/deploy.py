@@ -75,13 +75,20 @@ def lane_reference(model: nn.Module) -> dict[str, object]:
 
 
 @torch.no_grad()
+def canvas(points: np.ndarray, detector: pp.Detector, features: pp.FoldedPillarFeatures) -> Tensor:
+    """What the exported detector takes, [1, C, ny, nx], of a sweep [N, 4]."""
+    pillars = pp.voxelize(points, detector)
+    described = features(torch.from_numpy(pillars.points), torch.from_numpy(pillars.numbers))
+    return pp.scatter(described, torch.from_numpy(pillars.coords), detector.grid)
+
+
+@torch.no_grad()
 def detector_reference(detector: pp.Detector, model: nn.Module, sweep: Path) -> dict[str, object]:
     """Sampled outputs and the boxes, of a score of at least 0.3, of a sweep."""
     from evaluate import boxes_of  # which needs ONNX Runtime
 
-    pillars = pp.voxelize(np.fromfile(sweep, np.float32).reshape(-1, 4), detector)
-    inputs = torch.from_numpy(pillars.padded(detector.max_points)), torch.from_numpy(pillars.coords)
-    outputs = model(*inputs)
+    points = np.fromfile(sweep, np.float32).reshape(-1, 4)
+    outputs = model.maps(canvas(points, detector, model.features))
     anchors = pp.anchor_boxes(detector).reshape(-1, 7)
     found = boxes_of(*(o.numpy() for o in outputs), anchors)
     sure = found.scores >= 0.3

@@ -24,7 +24,9 @@ from tqdm import tqdm
 import lanes
 import pointpillars as pp
 from data import MIN_POINTS, complete_frames, in_range, read_image, read_marks, read_objects, read_points
+from deploy import canvas
 
+PILLAR_FEATURES = "pillar_features"
 SCORE_THRESHOLD = 0.4
 NMS_IOU = 0.1
 LANE_TOLERANCE_PX = 20
@@ -166,21 +168,27 @@ class Frame:
     truth: np.ndarray
 
 
+def pillar_features(session: onnxruntime.InferenceSession) -> pp.FoldedPillarFeatures:
+    """The part of an exported detector that comes before its graph."""
+    return pp.FoldedPillarFeatures.from_toml(session.get_modelmeta().custom_metadata_map[PILLAR_FEATURES])
+
+
 def detect(
     detector: pp.Detector, session: onnxruntime.InferenceSession, points: np.ndarray, anchors: np.ndarray
 ) -> Frame:
     """Boxes above a score of 0.05, after suppression of overlaps whatever their class."""
-    pillars = pp.voxelize(points, detector)
-    inputs = {"pillars": pillars.padded(detector.max_points), "coords": pillars.coords}
-    return boxes_of(*session.run(None, inputs), anchors)
+    image = canvas(points, detector, pillar_features(session))
+    return boxes_of(*session.run(None, {"canvas": image.contiguous().numpy()}), anchors)
 
 
 def boxes_of(logits: np.ndarray, deltas: np.ndarray, directions: np.ndarray, anchors: np.ndarray) -> Frame:
     """The boxes in the network's outputs."""
+    deltas, directions = by_anchor(deltas, 7), by_anchor(directions, 2)
+    logits = by_anchor(logits, 1)
     scores = 1 / (1 + np.exp(-logits.reshape(-1)))
     best = np.argsort(-scores)[:300]
     best = best[scores[best] > 0.05]
-    boxes = pp.decode(deltas.reshape(-1, 7)[best], directions.reshape(-1, 2)[best], anchors[best])
+    boxes = pp.decode(deltas[best], directions[best], anchors[best])
     kept: list[int] = []
     for i, box in enumerate(boxes):
         if all(bev_iou(box, boxes[k]) <= NMS_IOU for k in kept):
@@ -188,6 +196,11 @@ def boxes_of(logits: np.ndarray, deltas: np.ndarray, directions: np.ndarray, anc
     chosen = best[kept]
     classes = chosen % pp.PER_CELL // len(pp.ANCHOR_YAWS)
     return Frame(boxes[kept], classes, scores[chosen], np.zeros((0, 9)))
+
+
+def by_anchor(output: np.ndarray, numbers: int) -> np.ndarray:
+    """An output [1, 4 * numbers, map y, map x] as [anchors, numbers], in the order of the anchors."""
+    return output[0].reshape(pp.PER_CELL, numbers, -1).transpose(2, 0, 1).reshape(-1, numbers)
 
 
 def match(frame: Frame, iou: float, detections: np.ndarray, truths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

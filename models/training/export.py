@@ -23,8 +23,9 @@ from torch import Tensor, nn
 
 import lanes
 import pointpillars as pp
-from deploy import deployed, write_reference
-from evaluate import NMS_IOU, SCORE_THRESHOLD, open_model
+from cost import cost
+from deploy import canvas, deployed, write_reference
+from evaluate import NMS_IOU, PILLAR_FEATURES, SCORE_THRESHOLD, open_model
 from train import TASKS
 
 OPSET = 17
@@ -39,34 +40,34 @@ def identity(network: str) -> str:
     return LANES_ID if network == "lanes" else network
 
 
-def inputs_of(network: str) -> dict[str, tuple[str, list[int | str]]]:
-    """Dtype and shape of each input; P is any number."""
+def inputs_of(network: str, model: nn.Module) -> dict[str, tuple[str, list[int]]]:
+    """Dtype and shape of each input."""
     if network == "lanes":
         return {"image": ("float32", [1, 3, lanes.INPUT_HEIGHT_PX, lanes.INPUT_WIDTH_PX])}
-    points = pp.DETECTORS[network].max_points
-    return {"pillars": ("float32", ["P", points, 9]), "coords": ("int64", ["P"])}
+    channels = len(model.features.shift)
+    return {"canvas": ("float32", [1, channels, *pp.DETECTORS[network].grid])}
 
 
 def outputs_of(network: str) -> dict[str, list[int]]:
     """Shape of each output."""
     if network == "lanes":
         return {"cells": [1, lanes.CELLS + 1, lanes.ROWS, lanes.MARKS]}
-    shape = [1, *pp.DETECTORS[network].map, pp.PER_CELL]
-    return {"class_logits": shape, "box_deltas": [*shape, 7], "direction_logits": [*shape, 2]}
+    channels = {"class_logits": 1, "box_deltas": 7, "direction_logits": 2}
+    return {name: [1, pp.PER_CELL * k, *pp.DETECTORS[network].map] for name, k in channels.items()}
 
 
-class OneFrame(nn.Module):
-    """The detector without its batch argument, which the exporter would take for an input."""
+class Maps(nn.Module):
+    """The part of a deployed detector that the ONNX file computes: from the canvas to the maps."""
 
-    def __init__(self, model: nn.Module) -> None:
+    def __init__(self, model: pp.PointPillars) -> None:
         super().__init__()
         self.model = model
 
-    def forward(self, pillars: Tensor, coords: Tensor) -> tuple[Tensor, ...]:
-        return self.model(pillars, coords)
+    def forward(self, canvas: Tensor) -> tuple[Tensor, ...]:
+        return self.model.maps(canvas)
 
 
-def example(network: str) -> dict[str, Tensor]:
+def example(network: str, model: nn.Module) -> dict[str, Tensor]:
     """Random inputs of the right kind."""
     generator = torch.Generator().manual_seed(1)
     if network == "lanes":
@@ -77,9 +78,7 @@ def example(network: str) -> dict[str, Tensor]:
     low, high = torch.tensor(detector.range_m[:3]), torch.tensor(detector.range_m[3:])
     xyz = low + (high - low) * torch.rand(20000, 3, generator=generator)
     points = torch.cat((xyz, torch.rand(20000, 1, generator=generator)), 1)
-    pillars = pp.voxelize(points.numpy(), detector)
-    padded = pillars.padded(detector.max_points)
-    return {"pillars": torch.from_numpy(padded), "coords": torch.from_numpy(pillars.coords)}
+    return {"canvas": canvas(points.numpy(), detector, model.features).contiguous()}
 
 
 def store_as_fp16(model: onnx.ModelProto) -> None:
@@ -101,15 +100,18 @@ def store_as_fp16(model: onnx.ModelProto) -> None:
 
 
 def export_onnx(network: str, model: nn.Module, path: Path) -> None:
-    """Writes the ONNX file with named inputs and outputs; P is dynamic."""
-    inputs = example(network)
-    axes = {k: {0: "P"} for k, (_, shape) in inputs_of(network).items() if shape[0] == "P"}
+    """Writes the ONNX file of a deployed model with named inputs and outputs; a detector's pillar
+    features go into its metadata."""
+    inputs = example(network, model)
+    graph = model if network == "lanes" else Maps(model)
     torch.onnx.export(
-        model, tuple(inputs.values()), path, dynamo=False, opset_version=OPSET,
-        input_names=list(inputs), output_names=list(outputs_of(network)), dynamic_axes=axes,
+        graph, tuple(inputs.values()), path, dynamo=False, opset_version=OPSET,
+        input_names=list(inputs), output_names=list(outputs_of(network)),
     )  # fmt: skip
     exported = onnx.load(path)
     store_as_fp16(exported)
+    if network != "lanes":
+        helper.set_model_props(exported, {PILLAR_FEATURES: model.features.to_toml()})
     onnx.checker.check_model(exported)
     onnx.save(exported, path)
 
@@ -117,8 +119,8 @@ def export_onnx(network: str, model: nn.Module, path: Path) -> None:
 @torch.no_grad()
 def check(network: str, model: nn.Module, path: Path) -> float:
     """Largest difference of ONNX Runtime from PyTorch, relative to the spread of each output."""
-    inputs = example(network)
-    expected = model(*inputs.values())
+    inputs = example(network, model)
+    expected = (model if network == "lanes" else Maps(model))(*inputs.values())
     expected = (expected,) if isinstance(expected, Tensor) else expected
     session = open_model(path)
     actual = session.run(None, {k: v.numpy() for k, v in inputs.items()})
@@ -163,7 +165,9 @@ def preprocess(network: str) -> dict[str, object]:
     }
 
 
-def card(network: str, path: Path, state: dict, data_command: str, weights_from: str) -> str:
+def card(
+    network: str, model: nn.Module, path: Path, state: dict, data_command: str, weights_from: str
+) -> str:
     """The model card, but for its metrics."""
     arguments = state["arguments"]
     budget = "minutes" if arguments["minutes"] != "None" else "steps"
@@ -189,7 +193,7 @@ def card(network: str, path: Path, state: dict, data_command: str, weights_from:
     if weights_from:
         training["weights_from"] = weights_from
     parts = [toml_table("", top).lstrip("\n")]
-    for name, (dtype, shape) in inputs_of(network).items():
+    for name, (dtype, shape) in inputs_of(network, model).items():
         parts.append(toml_table("[[inputs]]", {"name": name, "dtype": dtype, "shape": shape}))
     for name, shape in outputs_of(network).items():
         parts.append(toml_table("[[outputs]]", {"name": name, "dtype": "float32", "shape": shape}))
@@ -198,6 +202,7 @@ def card(network: str, path: Path, state: dict, data_command: str, weights_from:
         for name, anchor in zip(pp.CLASSES, pp.ANCHORS):
             entries = {"class": name, "size_m": list(anchor.size_m), "center_z_m": anchor.center_z_m}
             parts.append(toml_table("[[anchors]]", entries))
+    parts.append(toml_table("[cost]", cost(path)))
     parts.append(toml_table("[training]", training))
     return "\n".join(parts)
 
@@ -238,8 +243,6 @@ def main() -> None:
     model = TASKS[args.network].network()
     model.load_state_dict(state["average"])
     model = deployed(model)
-    if args.network != "lanes":
-        model = OneFrame(model)
     args.out.mkdir(parents=True, exist_ok=True)
     path = args.out / f"{identity(args.network)}.onnx"
     partial = args.checkpoint.with_suffix(".onnx")  # moved to its place once it is checked
@@ -247,7 +250,7 @@ def main() -> None:
     difference = check(args.network, model, partial)
     shutil.move(partial, path)
     write_reference(args.network, model, args.reference)
-    text = card(args.network, path, state, args.data_command, args.weights_from)
+    text = card(args.network, model, path, state, args.data_command, args.weights_from)
     path.with_suffix(".toml").write_text(text + "\n[metrics]\n")
     text += "\n" + measure(args.network, path, args.val, args.covista)
     path.with_suffix(".toml").write_text(text)

@@ -29,7 +29,7 @@ def main() -> None:
     export_onnx("lanes", model, path)
     check("lanes", model, path)
     untrained = {"arguments": {"minutes": "None", "steps": "0", "seed": "1"}, "frames": 0, "step": 0}
-    text = card("lanes", path, untrained, "none", "random, seed 1").replace(LANES_DESCRIPTION, DESCRIPTION)
+    text = card("lanes", model, path, untrained, "none", "random, seed 1").replace(LANES_DESCRIPTION, DESCRIPTION)
     path.with_suffix(".toml").write_text(text + "\n[metrics]\n")
     parameters = sum(weight.numel() for weight in model.parameters())
     print(f"{path}: {parameters / 1e6:.1f} M parameters (with the auxiliary head), {path.stat().st_size / 1e6:.1f} MB")

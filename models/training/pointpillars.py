@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import math
+import tomllib
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +18,6 @@ from torch.nn import functional as F
 
 PILLAR_M = 0.16
 STRIDE = 2
-PADDING = -1e4
 HASH_FACTORS = (0x9E3779B1, 0x85EBCA77, 0xC2B2AE3D, 0x27D4EB2F)
 CLASSES = ("car", "truck")
 BOX_WEIGHTS = (1.0, 1.0, 3.0, 1.0, 1.0, 2.0, 1.0)  # the overlap in 3D fails by height first
@@ -89,14 +89,6 @@ class Pillars:
     coords: np.ndarray
     numbers: np.ndarray
 
-    def padded(self, max_points: int) -> np.ndarray:
-        """Pillars [P, max_points, 9], zero padded."""
-        pillars = np.zeros((len(self.coords), max_points, 9), np.float32)
-        pillar = np.repeat(np.arange(len(self.coords)), self.numbers)
-        rank = np.arange(len(pillar)) - np.repeat(np.cumsum(self.numbers) - self.numbers, self.numbers)
-        pillars[pillar, rank] = self.points
-        return pillars
-
 
 def scrambled(value: np.ndarray) -> np.ndarray:
     """Brings the upper bits of uint32 down to all others."""
@@ -153,42 +145,55 @@ def voxelize(points: np.ndarray, detector: Detector) -> Pillars:
 
 
 class PillarFeatures(nn.Module):
-    """Each point through Linear + BN + ReLU, then the maximum over a pillar's points.
-
-    Takes padded pillars [P, max_points, 9], or in training points [N, 9] and their numbers [P].
-    """
+    """Points [N, 9] and their numbers [P] to features [P, channels]: each point through Linear, BN
+    and ReLU, then the maximum over a pillar's points."""
 
     def __init__(self, channels: int) -> None:
         super().__init__()
         self.linear = nn.Linear(9, channels, bias=False)
         self.bn = nn.BatchNorm1d(channels, eps=1e-3)
 
-    def forward(self, pillars: Tensor, numbers: Tensor | None = None) -> Tensor:
-        if numbers is not None:
-            points = F.relu(self.bn(self.linear(pillars).float()))
-            return torch.segment_reduce(points, "max", lengths=numbers)
-        return self.folded()(pillars)
+    def forward(self, points: Tensor, numbers: Tensor) -> Tensor:
+        points = F.relu(self.bn(self.linear(points).float()))
+        return torch.segment_reduce(points, "max", lengths=numbers)
 
     def folded(self) -> FoldedPillarFeatures:
-        """The same with less memory moved: BN is folded into the weights, shift and ReLU, which
-        keep the order, follow the maximum, and a tenth feature puts padding below every point."""
+        """The same for inference: BN is folded into the weights; shift and ReLU, which keep the
+        order, follow the maximum."""
         scale = self.bn.weight * torch.rsqrt(self.bn.running_var + self.bn.eps)
-        below = torch.full_like(scale, PADDING)
-        weight = torch.cat((self.linear.weight * scale[:, None], below[:, None]), 1)
-        return FoldedPillarFeatures(weight, self.bn.bias - self.bn.running_mean * scale)
+        return FoldedPillarFeatures(self.linear.weight * scale[:, None], self.bn.bias - self.bn.running_mean * scale)
 
 
 class FoldedPillarFeatures(nn.Module):
-    """What [`PillarFeatures`] computes of padded pillars once it is trained."""
+    """What [`PillarFeatures`] computes once it is trained: `weight` [channels, 9], `shift` [channels].
+
+    An exported detector has them as TOML in its metadata; the 2D network begins at the canvas.
+    """
 
     def __init__(self, weight: Tensor, shift: Tensor) -> None:
         super().__init__()
         self.weight, self.shift = nn.Parameter(weight), nn.Parameter(shift)
 
-    def forward(self, pillars: Tensor, numbers: None = None) -> Tensor:
-        padding = pillars[..., 0].abs() + pillars[..., 1].abs() == 0
-        features = torch.cat((pillars, padding.float()[..., None]), 2)
-        return F.relu(F.linear(features, self.weight).amax(1) + self.shift)
+    def forward(self, points: Tensor, numbers: Tensor) -> Tensor:
+        highest = torch.segment_reduce(F.linear(points, self.weight), "max", lengths=numbers)
+        return F.relu(highest + self.shift)
+
+    def to_toml(self) -> str:
+        """The numbers in decimals that give every bit of them back."""
+        return f"weight = {self.weight.tolist()}\nshift = {self.shift.tolist()}\n"
+
+    @classmethod
+    def from_toml(cls, text: str) -> FoldedPillarFeatures:
+        table = tomllib.loads(text)
+        return cls(torch.tensor(table["weight"]), torch.tensor(table["shift"]))
+
+
+def scatter(features: Tensor, coords: Tensor, grid: tuple[int, int], batch: int = 1) -> Tensor:
+    """Features [P, C] of pillars to the canvas [batch, C, ny, nx], 0 where there is no pillar."""
+    ny, nx = grid
+    canvas = features.new_zeros(batch * ny * nx, features.shape[1])
+    canvas = canvas.index_put((coords,), features)
+    return canvas.view(batch, ny, nx, -1).permute(0, 3, 1, 2)
 
 
 def conv_block(inputs: int, outputs: int, layers: int) -> nn.Sequential:
@@ -207,7 +212,8 @@ def up_block(inputs: int, outputs: int, factor: int) -> nn.Sequential:
 
 
 class PointPillars(nn.Module):
-    """Pillars and their coords [P] to class, box and direction maps [B, map y, map x, anchor, ...]."""
+    """Points [N, 9] of pillars, their coords [P] and numbers [P] to class, box and direction maps
+    [B, map y, map x, anchor, ...]."""
 
     def __init__(self, detector: Detector) -> None:
         super().__init__()
@@ -227,29 +233,27 @@ class PointPillars(nn.Module):
 
     def forward(
         self,
-        pillars: Tensor,
+        points: Tensor,
         coords: Tensor,
-        numbers: Tensor | None = None,
+        numbers: Tensor,
         batch: int = 1,
         grid: tuple[int, int] | None = None,
     ) -> tuple[Tensor, ...]:
         """`grid` is that of a window, where it isn't the detector's; `coords` of frame b in a batch
         are shifted by b times its cells."""
-        ny, nx = grid or self.grid
-        features = self.features(pillars, numbers)
-        canvas = features.new_zeros(batch * ny * nx, features.shape[1])
-        canvas = canvas.index_put((coords,), features)
-        x = canvas.view(batch, ny, nx, -1).permute(0, 3, 1, 2)
-        maps = []
+        canvas = scatter(self.features(points, numbers), coords, grid or self.grid, batch)
+        classes, boxes, directions = (head.permute(0, 2, 3, 1) for head in self.maps(canvas))
+        shape = classes.shape
+        return classes, boxes.reshape(*shape, 7), directions.reshape(*shape, 2)
+
+    def maps(self, canvas: Tensor) -> tuple[Tensor, ...]:
+        """What is exported: the canvas to maps of 4, 4 * 7 and 4 * 2 channels, channels first."""
+        x, maps = canvas, []
         for block, up in zip(self.blocks, self.ups):
             x = block(x)
             maps.append(up(x))
         x = torch.cat(maps, 1)
-        shape = (batch, ny // STRIDE, nx // STRIDE, PER_CELL)
-        classes, boxes, directions = (
-            head(x).permute(0, 2, 3, 1) for head in (self.classes, self.boxes, self.directions)
-        )
-        return classes.reshape(shape), boxes.reshape(*shape, 7), directions.reshape(*shape, 2)
+        return self.classes(x), self.boxes(x), self.directions(x)
 
 
 @torch.no_grad()
