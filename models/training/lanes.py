@@ -46,9 +46,11 @@ def resize(image: Tensor) -> Tensor:
 
 def normalise(images: Tensor) -> Tensor:
     """uint8 [B, 288, 800, 3] to float32 [B, 3, 288, 800], channels last in memory."""
-    scale = 1 / (255 * torch.tensor(STD, device=images.device))
-    mean = 255 * torch.tensor(MEAN, device=images.device)
-    return ((images - mean) * scale).permute(0, 3, 1, 2)
+    width = images.shape[2]  # whole rows at once, which is several times faster than three values
+    scale = 1 / (255 * torch.tensor(STD * width, device=images.device))
+    mean = 255 * torch.tensor(MEAN * width, device=images.device)
+    rows = (images.flatten(2) - mean) * scale
+    return rows.view(images.shape).permute(0, 3, 1, 2)
 
 
 class BasicBlock(nn.Module):
@@ -72,8 +74,8 @@ class BasicBlock(nn.Module):
 
 
 class Ufld(nn.Module):
-    """Image [B, 3, 288, 800] to logits [B, 101, 28, 4]; in training also segmentation logits and the
-    classifier's input."""
+    """Image [B, 3, 288, 800] to logits [B, 101, 28, 4]; in training also segmentation logits (if
+    `auxiliary`) and the classifier's input."""
 
     def __init__(self, widths: tuple[int, ...] = WIDTHS, hidden: int = HIDDEN) -> None:
         super().__init__()
@@ -100,6 +102,7 @@ class Ufld(nn.Module):
             nn.Linear(hidden, (CELLS + 1) * ROWS * MARKS),
         )
         self.segmentation = SegmentationHead(widths)
+        self.auxiliary = True
         self.frozen: list[nn.Module] = []
         for module in self.modules():
             if isinstance(module, nn.Conv2d):
@@ -115,7 +118,7 @@ class Ufld(nn.Module):
         flat = self.pool(x).contiguous().flatten(1)
         cells = self.classify(flat)
         if self.training:
-            return cells, self.segmentation(stages), flat
+            return cells, self.segmentation(stages) if self.auxiliary else None, flat
         return cells
 
     def low(self, image: Tensor) -> Tensor:
@@ -186,9 +189,11 @@ def segmentation_target(marks_px: np.ndarray) -> np.ndarray:
     return target
 
 
-def loss(outputs: tuple[Tensor, Tensor, Tensor], batch: dict[str, Tensor]) -> dict[str, Tensor]:
-    """The parts of the loss, weighted: the classifier's and the segmentation head's."""
+def loss(outputs: tuple[Tensor, Tensor | None, Tensor], batch: dict[str, Tensor]) -> dict[str, Tensor]:
+    """The parts of the loss, weighted: the classifier's and the segmentation head's, if it is run."""
     cells, segmentation, _ = outputs
+    if segmentation is None:
+        return mark_loss(cells.float(), batch["marks"])
     weights = torch.tensor([0.4] + [1.0] * MARKS, device=cells.device)
     aux = F.cross_entropy(segmentation.float(), batch["segmentation"], weights)
     return mark_loss(cells.float(), batch["marks"]) | {"segmentation": 3 * aux}

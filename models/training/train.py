@@ -91,7 +91,7 @@ def begin_with_file(task: Task, model: nn.Module, path: Path, data: Path) -> Non
     """The weights of a deployed file, its normalisations measured on the first training batches."""
     load_onnx(model, path)
     dataset = task.dataset(data, augmented=True)
-    draws = islice(Batches(len(dataset), task.batch, 0, 0), STATISTICS_BATCHES)
+    draws = islice(Batches(dataset, task.batch, 0, 0), STATISTICS_BATCHES)
     batches = (dataset.collate([dataset[item] for item in draw]) for draw in draws)
     device = next(model.parameters()).device
     on_device = ({k: v.to(device) for k, v in batch.items()} for batch in batches)
@@ -157,6 +157,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--no-augment", action="store_true")
     parser.add_argument("--freeze-low", action="store_true", help="lanes: stem and first stage as they are, faster")
+    parser.add_argument("--no-auxiliary", action="store_true", help="lanes: without the segmentation head")
     start = parser.add_mutually_exclusive_group()
     start.add_argument("--resume", action="store_true", help="go on with the run in --out")
     start.add_argument("--from-weights", type=Path, help="begin a new run with the weights of a checkpoint or of an exported file")
@@ -188,8 +189,10 @@ def main() -> None:
 
     if args.freeze_low:
         lanes.freeze_low(model, average)
+    if args.no_auxiliary:
+        model.auxiliary = average.auxiliary = False
     dataset = task.dataset(args.data, augmented=not args.no_augment)
-    batches = Batches(len(dataset), args.batch or task.batch, args.seed, step)
+    batches = Batches(dataset, args.batch or task.batch, args.seed, step)
     loader = DataLoader(dataset, batch_sampler=batches, collate_fn=dataset.collate, num_workers=args.workers)
     held_out = None
     if args.val:
