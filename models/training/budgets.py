@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import torch
@@ -92,29 +93,39 @@ def sensitivity(
 
 
 def allocate(detector: pp.Detector, scan: dict[str, list[float]], target: float) -> pp.Widths:
+    """Widths of a detector of at most `target` multiply-accumulates."""
+    named = narrowed(widths_by_name(detector.widths), scan, partial(cost, detector), target)
+    return widths_from_names(named, detector.widths)
+
+
+def narrowed(
+    full: dict[str, int],
+    scan: dict[str, list[float]],
+    cost: Callable[[dict[str, int]], tuple[float, float]],
+    target: float,
+) -> dict[str, int]:
     """Widths of at most `target` multiply-accumulates: what costs least loss for the time that it
     saves goes first, a unit of filters at a time."""
-    full = widths_by_name(detector.widths)
     curves = {name: np.maximum.accumulate(losses[::-1])[::-1] for name, losses in scan.items()}
 
     def lost(name: str, width: int) -> float:
         return float(np.interp(width / full[name], (0, *SHARES, 1), (2 * curves[name][0], *curves[name])))
 
     widths = dict(full)
-    while cost(detector, widths)[0] > target:
-        now = cost(detector, widths)[1]
+    while cost(widths)[0] > target:
+        now = cost(widths)[1]
         choices = []
         for name, width in widths.items():
             unit = PILLAR_UNIT if name == "features" else UNIT
             less = (width - 1) // unit * unit
             if less > 0:
-                saved = now - cost(detector, widths | {name: less})[1]
+                saved = now - cost(widths | {name: less})[1]
                 choices.append(((lost(name, less) - lost(name, width) + 1e-6) / saved, name, less))
         if not choices:
             raise SystemExit(f"no network of {target / 1e9:.2f} GMAC has {UNIT} filters in each layer; ask for more")
         _, name, less = min(choices)
         widths[name] = less
-    return widths_from_names(widths, detector.widths)
+    return widths
 
 
 def shrunken(model: pp.PointPillars, detector: pp.Detector, kept: dict[str, Tensor]) -> pp.PointPillars:

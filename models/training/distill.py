@@ -55,6 +55,10 @@ class Lessons(Dataset):
     def __len__(self) -> int:
         return len(self.dataset)
 
+    def look_again(self) -> None:
+        """Finds the frames that were written since."""
+        self.dataset.look_again()
+
     def __getitem__(self, item: tuple[int, int]) -> Sample:
         index, _ = item
         frame = self.dataset.frames[index]

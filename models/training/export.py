@@ -31,6 +31,7 @@ from train import TASKS
 
 OPSET = 17
 LANES_ID = "ufld-resnet18"
+LANE_OPTIONS = ("batch", "learning_rate", "admm_steps", "freeze_low", "no_auxiliary")  # on the card, if given
 LANES_DESCRIPTION = (
     "UFLD row-anchor lane network on a half-width ResNet-18: the road's four marks, from the left edge line."
 )
@@ -58,9 +59,9 @@ def outputs_of(network: str) -> dict[str, list[int]]:
 
 
 def network_of(network: str, weights: dict[str, Tensor]) -> nn.Module:
-    """The network with trained weights; a detector's may be pruned."""
+    """The network with trained weights, pruned or not."""
     if network == "lanes":
-        model = TASKS[network].network()
+        model = lanes.Ufld(inner=lanes.inner_of(weights))
     else:
         model = pp.PointPillars(replace(pp.DETECTORS[network], widths=pp.widths_of(weights)))
     model.load_state_dict(weights)
@@ -186,13 +187,19 @@ def card(
     description = LANES_DESCRIPTION if network == "lanes" else pp.DETECTORS[network].description
     command = f"python train.py {network} {folders}"
     if part := arguments.get("part"):
-        zeros, files = "like" in arguments, ("weights", "teacher", *(("like",) if "like" in arguments else ()))
+        zeros, files = "like" in arguments, [k for k in ("weights", "teacher", "like") if k in arguments]
         what = f"As many weights that are not zero as 1/{part} of its work has" if zeros else f"Pruned to 1/{part} of its multiply-accumulates"
         description += f" {what}."
         options = " ".join(f"--{name} {Path(arguments[name]).name}" for name in files)
-        command = f"python {'zeros' if zeros else 'prune'}.py {network} --part {part} {options} {folders}"
+        script = "zeros.py" if zeros else "prune_lanes.py" if network == "lanes" else "prune.py"
+        what = "" if network == "lanes" else f"{network} "
+        command = f"python {script} {what}--part {part} {options} {folders}"
+    given = {k: v for k in LANE_OPTIONS if (v := arguments.get(k, "None")) not in ("None", "False")}
+    if network == "lanes":
+        command += "".join(f" --{k.replace('_', '-')}" + ("" if v == "True" else f" {v}") for k, v in given.items())
     if weights_from:
-        command += f" --from-weights earlier/{network}.pt"
+        earlier = f"{LANES_ID}.onnx" if network == "lanes" else f"{network}.pt"
+        command += f" --from-weights earlier/{earlier}"
     top = {
         "id": path.stem,
         "kind": "ufld" if network == "lanes" else "pointpillars",

@@ -14,7 +14,6 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
-from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 IMAGE_WIDTH_PX, IMAGE_HEIGHT_PX = 1242, 375
 INPUT_WIDTH_PX, INPUT_HEIGHT_PX = 800, 288
@@ -54,13 +53,13 @@ def normalise(images: Tensor) -> Tensor:
 
 
 class BasicBlock(nn.Module):
-    """Two 3x3 convolutions and the identity (or its 1x1 projection)."""
+    """Two 3x3 convolutions, `inner` channels between them, and the identity (or its 1x1 projection)."""
 
-    def __init__(self, inputs: int, outputs: int, stride: int) -> None:
+    def __init__(self, inputs: int, inner: int, outputs: int, stride: int) -> None:
         super().__init__()
-        self.conv1 = nn.Conv2d(inputs, outputs, 3, stride, 1, bias=False)
-        self.bn1 = nn.BatchNorm2d(outputs)
-        self.conv2 = nn.Conv2d(outputs, outputs, 3, 1, 1, bias=False)
+        self.conv1 = nn.Conv2d(inputs, inner, 3, stride, 1, bias=False)
+        self.bn1 = nn.BatchNorm2d(inner)
+        self.conv2 = nn.Conv2d(inner, outputs, 3, 1, 1, bias=False)
         self.bn2 = nn.BatchNorm2d(outputs)
         self.shortcut = nn.Identity()
         if stride != 1 or inputs != outputs:
@@ -75,10 +74,17 @@ class BasicBlock(nn.Module):
 
 class Ufld(nn.Module):
     """Image [B, 3, 288, 800] to logits [B, 101, 28, 4]; in training also segmentation logits (if
-    `auxiliary`) and the classifier's input."""
+    `auxiliary`) and the classifier's input.
 
-    def __init__(self, widths: tuple[int, ...] = WIDTHS, hidden: int = HIDDEN) -> None:
+    `inner` are the widths inside the blocks of a pruned network, two blocks a stage; those between
+    the blocks are bound together by the identities.
+    """
+
+    def __init__(
+        self, widths: tuple[int, ...] = WIDTHS, hidden: int = HIDDEN, inner: tuple[int, ...] | None = None
+    ) -> None:
         super().__init__()
+        inner = inner or tuple(width for width in widths for _ in range(2))
         first = widths[0]
         self.stem = nn.Sequential(
             nn.Conv2d(3, first, 7, 2, 3, bias=False),
@@ -91,7 +97,10 @@ class Ufld(nn.Module):
         for i, width in enumerate(widths):
             stride = 1 if i == 0 else 2
             self.layers.append(
-                nn.Sequential(BasicBlock(inputs, width, stride), BasicBlock(width, width, 1))
+                nn.Sequential(
+                    BasicBlock(inputs, inner[2 * i], width, stride),
+                    BasicBlock(width, inner[2 * i + 1], width, 1),
+                )
             )
             inputs = width
         self.pool = nn.Conv2d(widths[-1], 8, 1)
@@ -104,27 +113,27 @@ class Ufld(nn.Module):
         self.segmentation = SegmentationHead(widths)
         self.auxiliary = True
         self.frozen: list[nn.Module] = []
+        self.frozen_stages = 0
         for module in self.modules():
             if isinstance(module, nn.Conv2d):
                 nn.init.kaiming_normal_(module.weight, nonlinearity="relu")
 
     def forward(self, image: Tensor) -> Tensor | tuple[Tensor, Tensor, Tensor]:
-        x = self.low(image)
-        stages = []
-        for layer in self.layers[1:]:
+        x, stages = self.low(image), []
+        for layer in self.layers[self.frozen_stages :]:
             x = layer(x)
             stages.append(x)
         # Flattened from a channels-first tensor whatever the memory format, as ONNX does.
         flat = self.pool(x).contiguous().flatten(1)
         cells = self.classify(flat)
         if self.training:
-            return cells, self.segmentation(stages) if self.auxiliary else None, flat
+            return cells, self.segmentation(stages[-3:]) if self.auxiliary else None, flat
         return cells
 
     def low(self, image: Tensor) -> Tensor:
-        """Stem and first stage; where they are frozen, two images at a time, which caches can hold."""
+        """The stem; where it is frozen, with the stages that are, two images at a time, which caches can hold."""
         if not self.frozen:
-            return self.layers[0](self.stem(image))
+            return self.stem(image)
         with torch.no_grad():
             return torch.cat([self.frozen[0](part.bfloat16()) for part in image.split(2)])
 
@@ -233,23 +242,22 @@ def mark_loss(cells: Tensor, marks: Tensor) -> dict[str, Tensor]:
     }
 
 
-def freeze_low(model: Ufld, average: Ufld) -> None:
-    """Gives the stem and the first stage, two thirds of the work, their average weights for good."""
+def inner_of(weights: dict[str, Tensor]) -> tuple[int, ...]:
+    """The widths inside the blocks of a network with these weights."""
+    names = (f"layers.{i}.{j}.conv1.weight" for i in range(len(WIDTHS)) for j in range(2))
+    return tuple(len(weights[name]) for name in names)
+
+
+def freeze_low(model: Ufld, average: Ufld, stages: int = 1) -> None:
+    """Gives the stem and the first stages their average weights for good; with one stage that is two
+    thirds of the work."""
+    from deploy import fold  # which imports this module
+
     model.stem.load_state_dict(average.stem.state_dict())
-    model.layers[0].load_state_dict(average.layers[0].state_dict())
-    low = nn.Sequential(model.stem, model.layers[0]).requires_grad_(False).eval()
-    model.frozen = [folded(low)]  # in a list, so that it is no part of the state
-
-
-def folded(low: nn.Sequential) -> nn.Sequential:
-    """A copy with the normalisations folded into the convolutions, in bf16."""
-    low = copy.deepcopy(low)
-    stem, blocks = low
-    stem[0], stem[1] = fuse_conv_bn_eval(stem[0], stem[1]), nn.Identity()
-    for block in blocks:
-        block.conv1, block.bn1 = fuse_conv_bn_eval(block.conv1, block.bn1), nn.Identity()
-        block.conv2, block.bn2 = fuse_conv_bn_eval(block.conv2, block.bn2), nn.Identity()
-    return low.bfloat16().to(memory_format=torch.channels_last)
+    model.layers[:stages].load_state_dict(average.layers[:stages].state_dict())
+    low = nn.Sequential(model.stem, *model.layers[:stages]).requires_grad_(False).eval()
+    low = fold(copy.deepcopy(low)).bfloat16().to(memory_format=torch.channels_last)
+    model.frozen, model.frozen_stages = [low], stages  # in a list, so that it is no part of the state
 
 
 class Rehearsal:
@@ -279,6 +287,12 @@ class Rehearsal:
             with torch.autocast(flat.device.type, torch.bfloat16):
                 cells = model.classify(flat)
             yield sum(mark_loss(cells.float(), torch.stack([self.marks[i] for i in drawn])).values())
+
+
+def imitation(cells: Tensor, taught: Tensor) -> Tensor:
+    """How far the 101 probabilities of logits [B, 101, 28, 4] are from the teacher's: cross entropy
+    less its least."""
+    return F.kl_div(cells.log_softmax(1), taught.log_softmax(1), log_target=True, reduction="none").sum(1).mean()
 
 
 def second_difference(x: Tensor) -> Tensor:

@@ -52,7 +52,7 @@ def forward(model: nn.Module, batch: Batch) -> tuple[Tensor, ...]:
 
 
 def batches_of(lessons: distill.Lessons, batch: int, seed: int, first_step: int) -> DataLoader:
-    sampler = Batches(len(lessons), batch, seed, first_step)
+    sampler = Batches(lessons, batch, seed, first_step)
     return DataLoader(lessons, batch_sampler=sampler, collate_fn=lessons.collate)
 
 
