@@ -3,7 +3,8 @@ use std::{collections::BTreeMap, path::Path};
 use anyhow::bail;
 use covista_drive::calibration_of;
 use covista_perception::{
-    DETECTOR_MODEL, Detector, LANE_MODEL, LaneFinder, OnnxRuntime, Perceiver, list_models,
+    DETECTOR_MODEL, Detector, LANE_MODEL, LaneFinder, OnnxRuntime, Perceiver, SessionSettings,
+    list_models,
 };
 use covista_sensors::{
     ErrorModel,
@@ -43,7 +44,11 @@ pub fn recorded_frames(
 /// Both networks on all cores.
 pub fn perceiver(models: Option<&Path>) -> anyhow::Result<Perceiver> {
     let (runtime, threads) = runtime()?;
-    Ok(Perceiver::new(&runtime, &models_folder(models), threads)?)
+    Ok(Perceiver::new(
+        &runtime,
+        &models_folder(models),
+        SessionSettings::cpu(threads),
+    )?)
 }
 
 /// The lane network `id` on all cores.
@@ -53,7 +58,7 @@ pub fn lane_finder(models: Option<&Path>, id: &str) -> anyhow::Result<LaneFinder
         &runtime,
         &models_folder(models),
         id,
-        threads,
+        SessionSettings::cpu(threads),
     )?)
 }
 
@@ -64,7 +69,7 @@ pub fn detector(models: Option<&Path>, id: &str) -> anyhow::Result<Detector> {
         &runtime,
         &models_folder(models),
         id,
-        threads,
+        SessionSettings::cpu(threads),
     )?)
 }
 
@@ -80,7 +85,7 @@ pub fn perceivers(models: Option<&Path>, most: usize) -> anyhow::Result<Vec<Perc
     let (runtime, threads) = runtime()?;
     let folder = models_folder(models);
     (0..threads.min(most.max(1)))
-        .map(|_| Ok(Perceiver::new(&runtime, &folder, 1)?))
+        .map(|_| Ok(Perceiver::new(&runtime, &folder, SessionSettings::cpu(1))?))
         .collect()
 }
 

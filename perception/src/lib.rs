@@ -29,4 +29,7 @@ pub use models::{
 };
 pub use perceiver::{FramePercepts, PerceiveError, Perceiver, StageTimes};
 pub use pointpillars::detector::Detector;
-pub use runtime::{ONNX_RUNTIME_VERSION, OnnxRuntime, RuntimeError};
+pub use runtime::{
+    ONNX_RUNTIME_VERSION, OnnxRuntime, Provider, ProviderChoice, RuntimeError, SessionSettings,
+    UnknownProvider,
+};

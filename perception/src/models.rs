@@ -6,7 +6,7 @@ use ort::session::Session;
 use ort::value::{Outlet, TensorElementType, ValueType};
 
 use crate::card::{CardError, Dimension, ModelCard, TensorSpec};
-use crate::runtime::{OnnxRuntime, hex_sha256, one_line};
+use crate::runtime::{OnnxRuntime, Provider, SessionSettings, hex_sha256, one_line};
 
 /// Id of the lane network that the [`crate::Perceiver`] uses.
 pub const LANE_MODEL: &str = "ufld-resnet18";
@@ -79,6 +79,18 @@ pub enum ModelError {
         /// What ONNX Runtime says.
         reason: String,
     },
+    /// A provider other than the CPU's does not take the file.
+    #[error(
+        "the provider {provider} can't compute the model {path} ({reason}): choose the provider cpu"
+    )]
+    Unsupported {
+        /// The ONNX file.
+        path: PathBuf,
+        /// What was to compute it.
+        provider: Provider,
+        /// What ONNX Runtime says.
+        reason: String,
+    },
     /// The inputs or outputs are not the card's, or the card is for another kind of network.
     #[error("the model {path} does not fit ({reason}): export it again and update its card")]
     Mismatch {
@@ -139,17 +151,17 @@ pub fn find_model(folder: &Path, id: &str) -> Result<ModelCard, ModelError> {
 /// # Errors
 /// Says in one line what doesn't fit.
 pub fn verify_model(runtime: &OnnxRuntime, card: &ModelCard) -> Result<(), ModelError> {
-    open_model(runtime, card, 1).map(drop)
+    open_model(runtime, card, SessionSettings::cpu(1)).map(drop)
 }
 
-/// A verified session for the model of `card` that computes with `threads` threads.
+/// A verified session for the model of `card`.
 ///
 /// # Errors
 /// Says in one line what doesn't fit.
 pub fn open_model(
     runtime: &OnnxRuntime,
     card: &ModelCard,
-    threads: usize,
+    settings: SessionSettings,
 ) -> Result<Session, ModelError> {
     let path = || card.file.clone();
     let bytes = std::fs::read(&card.file).map_err(|source| ModelError::Missing {
@@ -165,11 +177,8 @@ pub fn open_model(
         });
     }
     let session = runtime
-        .session(&bytes, threads)
-        .map_err(|error| ModelError::Refused {
-            path: path(),
-            reason: one_line(&error.to_string()),
-        })?;
+        .session(&bytes, settings)
+        .map_err(|error| refused(card, settings.provider, &error))?;
     compare("input", &card.inputs, session.inputs())
         .and_then(|()| compare("output", &card.outputs, session.outputs()))
         .map_err(|reason| ModelError::Mismatch {
@@ -177,6 +186,19 @@ pub fn open_model(
             reason,
         })?;
     Ok(session)
+}
+
+/// ONNX Runtime's `error` with the model of `card` on a provider.
+pub(crate) fn refused(card: &ModelCard, provider: Provider, error: &ort::Error) -> ModelError {
+    let (path, reason) = (card.file.clone(), one_line(&error.to_string()));
+    match provider {
+        Provider::Cpu => ModelError::Refused { path, reason },
+        _ => ModelError::Unsupported {
+            path,
+            provider,
+            reason,
+        },
+    }
 }
 
 fn compare(what: &str, specs: &[TensorSpec], outlets: &[Outlet]) -> Result<(), String> {

@@ -14,7 +14,7 @@ use crate::ground::Ground;
 use crate::lanes::{decode::FoundMarks, finder::LaneFinder, ground::to_lane_marks};
 use crate::models::{DETECTOR_MODEL, LANE_MODEL, ModelError};
 use crate::pointpillars::detector::Detector;
-use crate::runtime::OnnxRuntime;
+use crate::runtime::{OnnxRuntime, Provider, SessionSettings};
 
 /// Why a frame can't be perceived; each message is one line.
 #[derive(Debug, thiserror::Error)]
@@ -80,17 +80,31 @@ pub struct Perceiver {
 
 impl Perceiver {
     /// Opens [`LANE_MODEL`] and [`DETECTOR_MODEL`] in the folder `models`. A frame takes up to
-    /// `threads` threads: from two on the networks run side by side, the lane network on one.
+    /// `settings.threads` threads: from two on the networks run side by side, the lane network on
+    /// one.
     ///
     /// # Errors
     /// A model or its card is missing, damaged or doesn't fit.
-    pub fn new(runtime: &OnnxRuntime, models: &Path, threads: usize) -> Result<Self, ModelError> {
-        let detector_threads = threads.saturating_sub(1).max(1);
+    pub fn new(
+        runtime: &OnnxRuntime,
+        models: &Path,
+        settings: SessionSettings,
+    ) -> Result<Self, ModelError> {
+        let on = |threads: usize| SessionSettings {
+            threads,
+            ..settings
+        };
+        let detector_threads = settings.threads.saturating_sub(1).max(1);
         Ok(Self {
-            lanes: LaneFinder::open(runtime, models, LANE_MODEL, 1)?,
-            detector: Detector::open(runtime, models, DETECTOR_MODEL, detector_threads)?,
-            side_by_side: threads > 1,
+            lanes: LaneFinder::open(runtime, models, LANE_MODEL, on(1))?,
+            detector: Detector::open(runtime, models, DETECTOR_MODEL, on(detector_threads))?,
+            side_by_side: settings.threads > 1,
         })
+    }
+
+    /// What computes the networks.
+    pub fn provider(&self) -> Provider {
+        self.detector.provider()
     }
 
     /// Width and height of the images that the lane network was trained on, in pixels.

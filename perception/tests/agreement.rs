@@ -6,7 +6,7 @@
 use std::path::{Path, PathBuf};
 
 use covista_perception::{
-    DETECTOR_MODEL, LANE_MODEL, ModelCard, Network, OnnxRuntime,
+    DETECTOR_MODEL, LANE_MODEL, ModelCard, Network, OnnxRuntime, SessionSettings,
     lanes::{decode::decode, network::LaneNetwork, preprocess::Resize},
     pointpillars::{decode::BoxDecoder, network::DetectorNetwork, preprocess::PillarGrid},
 };
@@ -62,7 +62,8 @@ fn detectors_agree_with_pytorch() {
         let Network::PointPillars(spec) = &card.network else {
             panic!("{id} is not a detector");
         };
-        let mut network = DetectorNetwork::open(&runtime, &card, spec, 1).expect("network");
+        let mut network =
+            DetectorNetwork::open(&runtime, &card, spec, SessionSettings::cpu(1)).expect("network");
         let reference = reference(&format!("{id}.json"));
         let mut grid = PillarGrid::new(spec);
         let boxes = network
@@ -125,16 +126,15 @@ fn the_lane_network_agrees_with_pytorch() {
         panic!("not a lane network");
     };
     let runtime = OnnxRuntime::acquire(&|_| ()).expect("ONNX Runtime");
-    let mut network = LaneNetwork::open(&runtime, &card, spec, 1).expect("network");
+    let mut network =
+        LaneNetwork::open(&runtime, &card, spec, SessionSettings::cpu(1)).expect("network");
     let size = [spec.image_width_px, spec.image_height_px].map(|side| side as usize);
     let mut resize = Resize::new(size, network.input_size(), spec.mean, spec.std);
     let reference = reference("lanes.json");
-    let marks = network
-        .run(resize.apply(&road_picture()), |logits| {
-            assert_alike(logits, &reference["cells"]);
-            decode(logits, spec.grid_cells, spec.image_width_px)
-        })
-        .expect("logits");
+    resize.apply(&road_picture(), network.input_mut());
+    let logits = network.run().expect("logits");
+    assert_alike(logits, &reference["cells"]);
+    let marks = decode(logits, spec.grid_cells, spec.image_width_px);
     let expected = reference["marks_px"].as_array().expect("marks");
     for (mark, expected) in marks.pixels.iter().zip(expected) {
         for (u, expected) in mark.iter().zip(expected.as_array().expect("rows")) {

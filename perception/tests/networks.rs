@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use covista_perception::{
     Detector, FramePercepts, LaneFinder, ModelCard, ModelError, OnnxRuntime, Perceiver,
-    list_models, verify_model,
+    SessionSettings, list_models, verify_model,
 };
 use covista_world::{Calibration, CameraImage, LaneIndex, ObjectClass, PointCloud, SensorFrame};
 use nalgebra::Vector3;
@@ -33,7 +33,7 @@ fn frame(points: Vec<[f32; 4]>) -> SensorFrame {
 }
 
 fn perceive(frame: &SensorFrame, threads: usize) -> FramePercepts {
-    Perceiver::new(&runtime(), &fixtures(), threads)
+    Perceiver::new(&runtime(), &fixtures(), SessionSettings::cpu(threads))
         .expect("models")
         .perceive(frame, &Calibration::kitti())
         .expect("percepts")
@@ -75,7 +75,7 @@ fn an_empty_sweep_has_no_vehicle() {
 }
 
 fn detector(id: &str) -> Detector {
-    Detector::open(&runtime(), &fixtures(), id, 1).expect("a detector")
+    Detector::open(&runtime(), &fixtures(), id, SessionSettings::cpu(1)).expect("a detector")
 }
 
 #[test]
@@ -117,7 +117,7 @@ fn less_sure_boxes_come_on_demand_after_the_sure_ones() {
 #[test]
 fn another_kind_of_network_and_unknown_ones_are_refused_with_what_there_is() {
     let refused = |id: &str| {
-        let error = Detector::open(&runtime(), &fixtures(), id, 1);
+        let error = Detector::open(&runtime(), &fixtures(), id, SessionSettings::cpu(1));
         error.expect_err("refused").to_string()
     };
     assert!(refused("ufld-resnet18").contains("`ufld-resnet18` is no detector"));
@@ -128,7 +128,12 @@ fn another_kind_of_network_and_unknown_ones_are_refused_with_what_there_is() {
     ] {
         assert!(message.contains(part), "{message}");
     }
-    let lanes = LaneFinder::open(&runtime(), &fixtures(), "pointpillars", 1);
+    let lanes = LaneFinder::open(
+        &runtime(),
+        &fixtures(),
+        "pointpillars",
+        SessionSettings::cpu(1),
+    );
     let message = lanes.expect_err("refused").to_string();
     assert!(message.contains("is no lane network"), "{message}");
 }
@@ -176,7 +181,8 @@ fn a_sweep_or_an_image_with_nothing_in_it_has_an_answer() {
 
 #[test]
 fn frames_that_are_not_valid_are_refused_in_one_line() {
-    let mut perceiver = Perceiver::new(&runtime(), &fixtures(), 1).expect("models");
+    let mut perceiver =
+        Perceiver::new(&runtime(), &fixtures(), SessionSettings::cpu(1)).expect("models");
     let mut refused = |frame: &SensorFrame| {
         let error = perceiver.perceive(frame, &Calibration::kitti());
         error.expect_err("refused").to_string()

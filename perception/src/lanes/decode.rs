@@ -55,19 +55,17 @@ pub fn decode(logits: &[f32], grid_cells: usize, image_width_px: u32) -> FoundMa
             .map(|cell| (cell, logit(cell)))
             .reduce(|best, next| if next.1 > best.1 { next } else { best })?;
         let weight = |cell: usize| (logit(cell) - largest).exp();
-        let seen: f64 = (0..grid_cells).map(weight).sum();
+        let from_best = |cell: usize| cell as f64 - best as f64;
+        let all = Moments::of((0..grid_cells).map(|cell| (weight(cell), from_best(cell))));
         // False also where the network's output is not finite.
-        if !(largest.is_finite() && seen > weight(grid_cells)) {
+        if !(largest.is_finite() && all.weight > weight(grid_cells)) {
             return None;
         }
         let window = best.saturating_sub(WINDOW_CELLS)..(best + WINDOW_CELLS + 1).min(grid_cells);
-        let total: f64 = window.clone().map(weight).sum();
-        let mean = window.map(|cell| weight(cell) * cell as f64).sum::<f64>() / total;
-        let square: f64 = (0..grid_cells)
-            .map(|cell| weight(cell) * (cell as f64 - mean).powi(2))
-            .sum();
-        let u_px = (mean + 0.5) * cell_px;
-        let spread_px = (square / seen).sqrt() * cell_px;
+        let near = Moments::of(window.map(|cell| (weight(cell), from_best(cell))));
+        let mean = near.first / near.weight;
+        let u_px = (best as f64 + mean + 0.5) * cell_px;
+        let spread_px = all.square_about(mean).sqrt() * cell_px;
         u_px.is_finite().then_some((u_px as f32, spread_px as f32))
     };
     let places: [[Option<(f32, f32)>; ROW_ANCHORS.len()]; MARK_COUNT] =
@@ -76,6 +74,30 @@ pub fn decode(logits: &[f32], grid_cells: usize, image_width_px: u32) -> FoundMa
         pixels: places.map(|mark| mark.map(|place| place.map(|(u_px, _)| u_px))),
         spread_px: places
             .map(|mark| mark.map(|place| place.map_or(0.0, |(_, spread_px)| spread_px))),
+    }
+}
+
+/// Sums over weighted places: of the weights, and of them times the places and their squares.
+#[derive(Default)]
+struct Moments {
+    weight: f64,
+    first: f64,
+    second: f64,
+}
+
+impl Moments {
+    fn of(weighted: impl Iterator<Item = (f64, f64)>) -> Self {
+        weighted.fold(Self::default(), |sums, (weight, place)| Self {
+            weight: sums.weight + weight,
+            first: sums.first + weight * place,
+            second: sums.second + weight * place * place,
+        })
+    }
+
+    /// Mean square distance from `place`.
+    fn square_about(&self, place: f64) -> f64 {
+        let sum = self.second - 2.0 * place * self.first + place * place * self.weight;
+        (sum / self.weight).max(0.0)
     }
 }
 

@@ -8,19 +8,20 @@ use super::{decode, decode::FoundMarks, network::LaneNetwork, preprocess::Resize
 use crate::card::{Network, UfldSpec};
 use crate::models::{ModelError, find_model};
 use crate::perceiver::{PerceiveError, check};
-use crate::runtime::{OnnxRuntime, one_line};
+use crate::runtime::{OnnxRuntime, Provider, SessionSettings, one_line};
 
 /// Any lane network of a folder with models.
 #[derive(Debug)]
 pub struct LaneFinder {
     id: String,
+    provider: Provider,
     spec: UfldSpec,
     resize: Resize,
     network: LaneNetwork,
 }
 
 impl LaneFinder {
-    /// Opens the lane network `id` in the folder `models`; it computes with `threads` threads.
+    /// Opens the lane network `id` in the folder `models`.
     ///
     /// # Errors
     /// The model or its card is missing or damaged, doesn't fit or is no lane network.
@@ -28,7 +29,7 @@ impl LaneFinder {
         runtime: &OnnxRuntime,
         models: &Path,
         id: &str,
-        threads: usize,
+        settings: SessionSettings,
     ) -> Result<Self, ModelError> {
         let card = find_model(models, id)?;
         let Network::Ufld(spec) = &card.network else {
@@ -37,14 +38,20 @@ impl LaneFinder {
                 expected: "lane network",
             });
         };
-        let network = LaneNetwork::open(runtime, &card, spec, threads)?;
+        let network = LaneNetwork::open(runtime, &card, spec, settings)?;
         let image_size = [spec.image_width_px, spec.image_height_px].map(|side| side as usize);
         Ok(Self {
             spec: spec.clone(),
             resize: Resize::new(image_size, network.input_size(), spec.mean, spec.std),
             network,
+            provider: settings.provider,
             id: card.id,
         })
+    }
+
+    /// What computes the network.
+    pub fn provider(&self) -> Provider {
+        self.provider
     }
 
     /// Id of the model.
@@ -68,15 +75,15 @@ impl LaneFinder {
             image_width_px,
             ..
         } = self.spec;
-        let input = self.resize.apply(image);
-        self.network
-            .run(input, |logits| {
-                decode::decode(logits, grid_cells, image_width_px)
-            })
+        self.resize.apply(image, self.network.input_mut());
+        let logits = self
+            .network
+            .run()
             .map_err(|error| PerceiveError::Inference {
                 model: self.id.clone(),
                 reason: one_line(&error.to_string()),
-            })
+            })?;
+        Ok(decode::decode(logits, grid_cells, image_width_px))
     }
 
     /// # Errors

@@ -1,16 +1,13 @@
 //! The UFLD network as a session of ONNX Runtime.
 
-use ort::session::Session;
-use ort::value::TensorRef;
-
 use crate::card::{Dimension, ModelCard, UfldSpec};
-use crate::models::{ModelError, open_model};
-use crate::runtime::OnnxRuntime;
+use crate::models::ModelError;
+use crate::runtime::{BoundSession, OnnxRuntime, SessionSettings};
 
 /// The lane network.
 #[derive(Debug)]
 pub struct LaneNetwork {
-    session: Session,
+    session: BoundSession,
     input_size: [usize; 2],
 }
 
@@ -23,9 +20,8 @@ impl LaneNetwork {
         runtime: &OnnxRuntime,
         card: &ModelCard,
         spec: &UfldSpec,
-        threads: usize,
+        settings: SessionSettings,
     ) -> Result<Self, ModelError> {
-        let session = open_model(runtime, card, threads)?;
         let mismatch = |reason: &str| ModelError::Mismatch {
             path: card.file.clone(),
             reason: reason.into(),
@@ -53,7 +49,7 @@ impl LaneNetwork {
             _ => return Err(mismatch("its output is not [1, grid_cells + 1, 28, 4]")),
         }
         Ok(Self {
-            session,
+            session: BoundSession::open(runtime, card, settings)?,
             input_size,
         })
     }
@@ -63,16 +59,17 @@ impl LaneNetwork {
         self.input_size
     }
 
-    /// From the input [3, height, width] to the logits [cells + 1, row anchors, marks], handed to
-    /// `read`.
+    /// The input [3, height, width] of the next run, to be written.
+    pub fn input_mut(&mut self) -> &mut [f32] {
+        self.session.input_mut(0)
+    }
+
+    /// From the input to the logits [cells + 1, row anchors, marks].
     ///
     /// # Errors
     /// ONNX Runtime fails.
-    pub fn run<T>(&mut self, image: &[f32], read: impl FnOnce(&[f32]) -> T) -> ort::Result<T> {
-        let [width, height] = self.input_size;
-        let input = TensorRef::from_array_view(([1, 3, height, width], image))?;
-        let outputs = self.session.run(ort::inputs![input])?;
-        let (_, logits) = outputs[0].try_extract_tensor::<f32>()?;
-        Ok(read(logits))
+    pub fn run(&mut self) -> ort::Result<&[f32]> {
+        self.session.run()?;
+        Ok(self.session.output(0))
     }
 }

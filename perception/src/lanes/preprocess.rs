@@ -1,5 +1,8 @@
 //! The camera's image to the lane network's input: bilinear resize and normalisation.
 
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+
 use covista_world::CameraImage;
 
 /// One sample along an axis: `(1 - weight) * source[low] + weight * source[high]`.
@@ -17,55 +20,70 @@ pub struct Resize {
     columns: Vec<Tap>,
     rows: Vec<Tap>,
     source_width: usize,
-    scale: [f32; 3],
-    offset: [f32; 3],
+    /// Of each channel `(value * scale) + offset`.
+    normal: [[f32; 2]; 3],
     row: Vec<f32>,
-    planes: Vec<f32>,
+    #[cfg(target_arch = "x86_64")]
+    groups: Option<avx2::Groups>,
 }
 
 impl Resize {
     /// From and to (width, height) in pixels, with mean and standard deviation of r, g, b.
     pub fn new(from: [usize; 2], to: [usize; 2], mean: [f32; 3], std: [f32; 3]) -> Self {
+        let columns = taps(from[0], to[0]);
         Self {
-            columns: taps(from[0], to[0]),
+            #[cfg(target_arch = "x86_64")]
+            groups: avx2::Groups::new(&columns, from[0]),
+            columns,
             rows: taps(from[1], to[1]),
             source_width: from[0],
-            scale: std.map(|std| 1.0 / (255.0 * std)),
-            offset: std::array::from_fn(|channel| -mean[channel] / std[channel]),
+            normal: std::array::from_fn(|channel| {
+                let std = std[channel];
+                [1.0 / (255.0 * std), -mean[channel] / std]
+            }),
             row: vec![0.0; 3 * from[0]],
-            planes: vec![0.0; 3 * to[0] * to[1]],
         }
     }
 
-    /// The network's input [3, height, width], channel by channel, of an image of the size that
-    /// was named at the start.
-    pub fn apply(&mut self, image: &CameraImage) -> &[f32] {
+    /// Writes the network's input [3, height, width], channel by channel, of an image of the size
+    /// that was named at the start.
+    pub fn apply(&mut self, image: &CameraImage, input: &mut [f32]) {
         let stride = 3 * self.source_width;
         let width = self.columns.len();
-        let (red, rest) = self.planes.split_at_mut(self.rows.len() * width);
+        let (red, rest) = input.split_at_mut(self.rows.len() * width);
         let (green, blue) = rest.split_at_mut(self.rows.len() * width);
         for (y, tap) in self.rows.iter().enumerate() {
-            let low = &image.rgb[tap.low * stride..][..stride];
-            let high = &image.rgb[tap.high * stride..][..stride];
-            for ((value, &low), &high) in self.row.iter_mut().zip(low).zip(high) {
-                *value = mix(f32::from(low), f32::from(high), tap.weight);
+            let source = [tap.low, tap.high].map(|row| &image.rgb[row * stride..][..stride]);
+            let target =
+                [&mut *red, &mut *green, &mut *blue].map(|plane| &mut plane[y * width..][..width]);
+            #[cfg(target_arch = "x86_64")]
+            if let Some(groups) = &mut self.groups {
+                groups.apply(source, tap.weight, self.normal, target);
+                continue;
             }
-            let start = y * width;
-            for (x, tap) in self.columns.iter().enumerate() {
-                let [low, high] = [
-                    &self.row[3 * tap.low..][..3],
-                    &self.row[3 * tap.high..][..3],
-                ];
-                let normal = |channel: usize| {
-                    mix(low[channel], high[channel], tap.weight) * self.scale[channel]
-                        + self.offset[channel]
-                };
-                red[start + x] = normal(0);
-                green[start + x] = normal(1);
-                blue[start + x] = normal(2);
-            }
+            mix_rows(source, tap.weight, &mut self.row);
+            mix_columns(&self.row, &self.columns, self.normal, target);
         }
-        &self.planes
+    }
+}
+
+fn mix_rows([low, high]: [&[u8]; 2], weight: f32, row: &mut [f32]) {
+    for ((value, &low), &high) in row.iter_mut().zip(low).zip(high) {
+        *value = mix(low.into(), high.into(), weight);
+    }
+}
+
+fn mix_columns(row: &[f32], columns: &[Tap], normal: [[f32; 2]; 3], target: [&mut [f32]; 3]) {
+    let [red, green, blue] = target;
+    for (x, tap) in columns.iter().enumerate() {
+        let [low, high] = [tap.low, tap.high].map(|pixel| &row[3 * pixel..][..3]);
+        let normal = |channel: usize| {
+            let [scale, offset] = normal[channel];
+            mix(low[channel], high[channel], tap.weight) * scale + offset
+        };
+        red[x] = normal(0);
+        green[x] = normal(1);
+        blue[x] = normal(2);
     }
 }
 
@@ -105,7 +123,8 @@ mod tests {
             rgb,
         };
         let mut resize = Resize::new([62, 20], [40, 16], [0.0, 0.0, 0.5], [1.0, 1.0, 0.25]);
-        let planes = resize.apply(&image).to_vec();
+        let mut planes = vec![0.0; 3 * 16 * 40];
+        resize.apply(&image, &mut planes);
         for y in 0..16 {
             for x in 0..40 {
                 let at = |channel: usize| f64::from(planes[(channel * 16 + y) * 40 + x]);
@@ -115,6 +134,45 @@ mod tests {
                 assert!((at(1) * 255.0 - v).abs() < 1e-4);
                 assert!((at(2) - 2.0).abs() < 1e-6);
             }
+        }
+    }
+
+    /// A number from 0 to 255 for each place, without a pattern.
+    fn noise(width: usize, height: usize) -> CameraImage {
+        let hash = |at: usize| (at.wrapping_mul(0x9E37_79B9) >> 13) as u8;
+        CameraImage {
+            width_px: width as u32,
+            height_px: height as u32,
+            rgb: (0..3 * width * height).map(hash).collect(),
+        }
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[test]
+    fn eight_at_a_time_are_the_same_bits_as_one_by_one() {
+        // The shipped network's sizes, up and down, equal sizes, and steps that reach the limit.
+        for (from, to) in [
+            ([1242, 375], [800, 288]),
+            ([62, 20], [80, 31]),
+            ([40, 7], [40, 7]),
+            ([29, 9], [16, 3]),
+            ([1, 1], [8, 2]),
+        ] {
+            let image = noise(from[0], from[1]);
+            let mut resize = Resize::new(from, to, [0.485, 0.456, 0.406], [0.229, 0.224, 0.225]);
+            let mut apply = |resize: &mut Resize| {
+                let mut planes = vec![0.0; 3 * to[0] * to[1]];
+                resize.apply(&image, &mut planes);
+                planes.into_iter().map(f32::to_bits).collect::<Vec<_>>()
+            };
+            assert_eq!(resize.groups.is_some(), is_x86_feature_detected!("avx2"));
+            let fast = apply(&mut resize);
+            resize.groups = None;
+            assert_eq!(fast, apply(&mut resize), "{from:?} {to:?}");
+        }
+        // Too far apart, and no whole groups.
+        for to in [[8, 4], [60, 4]] {
+            assert!(avx2::Groups::new(&taps(62, to[0]), 62).is_none());
         }
     }
 }

@@ -8,12 +8,13 @@ use super::{decode::BoxDecoder, network::DetectorNetwork, preprocess::PillarGrid
 use crate::card::Network;
 use crate::models::{ModelError, find_model};
 use crate::perceiver::{PerceiveError, check};
-use crate::runtime::{OnnxRuntime, one_line};
+use crate::runtime::{OnnxRuntime, Provider, SessionSettings, one_line};
 
 /// Any detector of a folder with models; all that its range and shape ask for is on its card.
 #[derive(Debug)]
 pub struct Detector {
     id: String,
+    provider: Provider,
     grid: PillarGrid,
     network: DetectorNetwork,
     decoder: BoxDecoder,
@@ -21,7 +22,7 @@ pub struct Detector {
 }
 
 impl Detector {
-    /// Opens the detector `id` in the folder `models`; it computes with `threads` threads.
+    /// Opens the detector `id` in the folder `models`.
     ///
     /// # Errors
     /// The model or its card is missing or damaged, doesn't fit or is no detector.
@@ -29,7 +30,7 @@ impl Detector {
         runtime: &OnnxRuntime,
         models: &Path,
         id: &str,
-        threads: usize,
+        settings: SessionSettings,
     ) -> Result<Self, ModelError> {
         let card = find_model(models, id)?;
         let Network::PointPillars(spec) = &card.network else {
@@ -40,11 +41,17 @@ impl Detector {
         };
         Ok(Self {
             grid: PillarGrid::new(spec),
-            network: DetectorNetwork::open(runtime, &card, spec, threads)?,
+            network: DetectorNetwork::open(runtime, &card, spec, settings)?,
             decoder: BoxDecoder::new(spec),
             score_threshold: spec.score_threshold,
+            provider: settings.provider,
             id: card.id,
         })
+    }
+
+    /// What computes the network.
+    pub fn provider(&self) -> Provider {
+        self.provider
     }
 
     /// Id of the model.

@@ -6,7 +6,7 @@ use ort::value::TensorRef;
 use super::preprocess::{FEATURES, Pillars};
 use crate::card::{Dimension, ModelCard, PointPillarsSpec};
 use crate::models::{ModelError, open_model};
-use crate::runtime::OnnxRuntime;
+use crate::runtime::{OnnxRuntime, SessionSettings};
 
 /// What the network gives on a map of half the grid's resolution, row (y) by row.
 #[derive(Debug, Clone, Copy)]
@@ -35,9 +35,9 @@ impl DetectorNetwork {
         runtime: &OnnxRuntime,
         card: &ModelCard,
         spec: &PointPillarsSpec,
-        threads: usize,
+        settings: SessionSettings,
     ) -> Result<Self, ModelError> {
-        let session = open_model(runtime, card, threads)?;
+        let session = open_model(runtime, card, settings)?;
         let [nx, ny] = spec.grid();
         let points = spec.max_points_per_pillar;
         let anchors = 2 * spec.anchors.len();
