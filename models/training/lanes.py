@@ -29,6 +29,7 @@ WIDTHS, HIDDEN = (32, 64, 128, 256), 512
 PAPER_WIDTHS, PAPER_HIDDEN = (64, 128, 256, 512), 2048  # 38 M parameters, for timing
 BELL_CELLS = 0.8
 WINDOW_CELLS = 4
+SEEN_FROM = 0.4
 
 
 def resample(image: Tensor) -> Tensor:
@@ -169,15 +170,19 @@ def expected_cell(cells: Tensor) -> Tensor:
 def decode(cells: Tensor) -> Tensor:
     """Logits [B, 101, 28, 4] to u in pixels [B, 28, 4], NaN where the mark is absent.
 
-    A mark is seen where its cells together are likelier than "none". Its place is the expectation
-    over the cells about the likeliest one.
+    A mark exists if in its surest row its cells together are likelier than "none". It is seen where
+    it is at least `SEEN_FROM` times as likely as there: in doubt whether a mark exists at all its rows
+    are in doubt together. Its place is the expectation over the cells about the likeliest one.
     """
     places = cells[:, :CELLS]
+    likely = (places.logsumexp(1) - cells[:, NONE]).sigmoid()
+    surest = likely.amax(1, keepdim=True)
+    seen = (surest > 0.5) & (likely > SEEN_FROM * surest)
     index = torch.arange(CELLS, device=cells.device).view(1, -1, 1, 1)
     beside = (index - places.argmax(1, keepdim=True)).abs() > WINDOW_CELLS
     probability = places.masked_fill(beside, -torch.inf).softmax(1)
     pixels = ((probability * index).sum(1) + 0.5) * CELL_PX
-    return pixels.masked_fill(places.logsumexp(1) <= cells[:, NONE], torch.nan)
+    return pixels.masked_fill(~seen, torch.nan)
 
 
 def segmentation_target(marks_px: np.ndarray) -> np.ndarray:
