@@ -136,14 +136,17 @@ class LaneDataset(Dataset):
     def __init__(self, root: Path, augmented: bool) -> None:
         self.root, self.augmented = root, augmented
         self.frames = complete_frames(root)
-        self.marks = [read_marks(root, frame) for frame in self.frames]
 
     def __len__(self) -> int:
         return len(self.frames)
 
+    def look_again(self) -> None:
+        """Finds the frames that were written since."""
+        self.frames = complete_frames(self.root)
+
     def __getitem__(self, item: tuple[int, int]) -> Sample:
         index, seed = item
-        image, marks = read_image(self.root, self.frames[index]), self.marks[index]
+        image, marks = read_image(self.root, self.frames[index]), read_marks(self.root, self.frames[index])
         if self.augmented:
             image, marks = augment.road(image, marks, np.random.default_rng(seed))
         return {
@@ -166,6 +169,10 @@ class DetectorDataset(Dataset):
 
     def __len__(self) -> int:
         return len(self.frames)
+
+    def look_again(self) -> None:
+        """Finds the frames that were written since."""
+        self.frames = complete_frames(self.root)
 
     def __getitem__(self, item: tuple[int, int]) -> Sample:
         index, seed = item
@@ -220,20 +227,28 @@ def in_range(boxes: np.ndarray, detector: pp.Detector) -> np.ndarray:
 
 
 class Batches(Sampler[list[tuple[int, int]]]):
-    """Endless batches of (index, seed): batch k depends on the seed, k and the data alone."""
+    """Endless batches of (index, seed): batch k depends on the seed, k and the data alone.
 
-    def __init__(self, length: int, batch: int, seed: int, first_step: int) -> None:
-        self.length, self.batch, self.seed, self.first_step = length, batch, seed, first_step
+    Data that is still being written is looked at again every so often; a new epoch begins where it grew.
+    """
+
+    LOOK_AGAIN = 512  # samples
+
+    def __init__(self, dataset: LaneDataset | DetectorDataset, batch: int, seed: int, first_step: int) -> None:
+        self.dataset, self.batch, self.seed, self.first_step = dataset, batch, seed, first_step
 
     def __iter__(self) -> Iterator[list[tuple[int, int]]]:
         position = self.first_step * self.batch
-        epoch, order = -1, np.arange(self.length)
+        epoch, order = -1, np.zeros(0, int)
         while True:
             items = []
             for _ in range(self.batch):
-                if position // self.length != epoch:
-                    epoch = position // self.length
-                    order = np.random.default_rng((self.seed, epoch)).permutation(self.length)
-                items.append((int(order[position % self.length]), self.seed * 2**32 + position))
+                if position % self.LOOK_AGAIN == 0:
+                    self.dataset.look_again()
+                length = len(self.dataset)
+                if position // length != epoch or length != len(order):
+                    epoch = position // length
+                    order = np.random.default_rng((self.seed, epoch)).permutation(length)
+                items.append((int(order[position % length]), self.seed * 2**32 + position))
                 position += 1
             yield items

@@ -109,10 +109,10 @@ def samples(output: Tensor) -> dict[str, object]:
     return {"at": at.tolist(), "values": flat[at].tolist(), "deviation": float(flat.std())}
 
 
-def write_reference(network: str, model: nn.Module, folder: Path) -> None:
-    """Writes `folder/ID.json`, which the tests in Rust compare with."""
+def write_reference(network: str, model: nn.Module, path: Path) -> None:
+    """Writes what the tests in Rust compare with, from `sweep.bin` beside it for a detector."""
     if network == "lanes":
         reference = lane_reference(model)
     else:
-        reference = detector_reference(pp.DETECTORS[network], model, folder / "sweep.bin")
-    (folder / f"{network}.json").write_text(json.dumps(reference))
+        reference = detector_reference(pp.DETECTORS[network], model, path.with_name("sweep.bin"))
+    path.write_text(json.dumps(reference))

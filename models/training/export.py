@@ -13,6 +13,7 @@ import json
 import shutil
 import subprocess
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -31,14 +32,15 @@ from train import TASKS
 
 OPSET = 17
 LANES_ID = "ufld-resnet18"
+LANE_OPTIONS = ("batch", "learning_rate", "admm_steps", "freeze_low", "no_auxiliary")  # on the card, if given
 LANES_DESCRIPTION = (
     "UFLD row-anchor lane network on a half-width ResNet-18: the road's four marks, from the left edge line."
 )
 
 
-def identity(network: str) -> str:
-    """Id of the model that a network is exported to."""
-    return LANES_ID if network == "lanes" else network
+def identity(network: str, checkpoint: Path) -> str:
+    """Id of the model that a checkpoint is exported to, its suffix (`-p8`) kept."""
+    return (LANES_ID if network == "lanes" else network) + checkpoint.stem.removeprefix(network)
 
 
 def inputs_of(network: str, model: nn.Module) -> dict[str, tuple[str, list[int]]]:
@@ -55,6 +57,16 @@ def outputs_of(network: str) -> dict[str, list[int]]:
         return {"cells": [1, lanes.CELLS + 1, lanes.ROWS, lanes.MARKS]}
     channels = {"class_logits": 1, "box_deltas": 7, "direction_logits": 2}
     return {name: [1, pp.PER_CELL * k, *pp.DETECTORS[network].map] for name, k in channels.items()}
+
+
+def network_of(network: str, weights: dict[str, Tensor]) -> nn.Module:
+    """The network with trained weights, pruned or not."""
+    if network == "lanes":
+        model = lanes.Ufld(inner=lanes.inner_of(weights))
+    else:
+        model = pp.PointPillars(replace(pp.DETECTORS[network], widths=pp.widths_of(weights)))
+    model.load_state_dict(weights)
+    return model
 
 
 class Maps(nn.Module):
@@ -179,9 +191,23 @@ def card(
     """The model card, but for its metrics."""
     arguments = state["arguments"]
     budget = "minutes" if arguments["minutes"] != "None" else "steps"
-    command = f"python train.py {network} --data data/train --val data/val --{budget} {arguments[budget]} --out runs"
+    folders = f"--data data/train --val data/val --{budget} {arguments[budget]} --out runs"
+    description = LANES_DESCRIPTION if network == "lanes" else pp.DETECTORS[network].description
+    command = f"python train.py {network} {folders}"
+    if part := arguments.get("part"):
+        zeros, files = "like" in arguments, [k for k in ("weights", "teacher", "like") if k in arguments]
+        what = f"As many weights that are not zero as 1/{part} of its work has" if zeros else f"Pruned to 1/{part} of its multiply-accumulates"
+        description += f" {what}."
+        options = " ".join(f"--{name} {Path(arguments[name]).name}" for name in files)
+        script = "zeros.py" if zeros else "prune_lanes.py" if network == "lanes" else "prune.py"
+        what = "" if network == "lanes" else f"{network} "
+        command = f"python {script} {what}--part {part} {options} {folders}"
+    given = {k: v for k in LANE_OPTIONS if (v := arguments.get(k, "None")) not in ("None", "False")}
+    if network == "lanes":
+        command += "".join(f" --{k.replace('_', '-')}" + ("" if v == "True" else f" {v}") for k, v in given.items())
     if weights_from:
-        command += f" --from-weights earlier/{network}.pt"
+        earlier = f"{LANES_ID}.onnx" if network == "lanes" else f"{network}.pt"
+        command += f" --from-weights earlier/{earlier}"
     top = {
         "id": path.stem,
         "kind": "ufld" if network == "lanes" else "pointpillars",
@@ -189,7 +215,7 @@ def card(
         "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
         "license": "MIT OR Apache-2.0",
         "date": datetime.date.today().isoformat(),
-        "description": LANES_DESCRIPTION if network == "lanes" else pp.DETECTORS[network].description,
+        "description": description,
     }
     training = {
         "command": command,
@@ -248,16 +274,15 @@ def main() -> None:
     args = parser.parse_args()
     torch.set_num_threads(1)
     state = torch.load(args.checkpoint, map_location="cpu")
-    model = TASKS[args.network].network()
-    model.load_state_dict(state["average"])
+    model = network_of(args.network, state["average"])
     model = deployed(model)
     args.out.mkdir(parents=True, exist_ok=True)
-    path = args.out / f"{identity(args.network)}.onnx"
+    path = args.out / f"{identity(args.network, args.checkpoint)}.onnx"
     partial = args.checkpoint.with_suffix(".onnx")  # moved to its place once it is checked
     export_onnx(args.network, model, partial)
     difference = check(args.network, model, partial)
     shutil.move(partial, path)
-    write_reference(args.network, model, args.reference)
+    write_reference(args.network, model, args.reference / f"{args.checkpoint.stem}.json")
     text = card(args.network, model, path, state, args.data_command, args.weights_from)
     path.with_suffix(".toml").write_text(text + "\n[metrics]\n")
     text += "\n" + measure(args.network, path, args.val, args.covista)

@@ -14,7 +14,6 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
-from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 IMAGE_WIDTH_PX, IMAGE_HEIGHT_PX = 1242, 375
 INPUT_WIDTH_PX, INPUT_HEIGHT_PX = 800, 288
@@ -30,6 +29,7 @@ WIDTHS, HIDDEN = (32, 64, 128, 256), 512
 PAPER_WIDTHS, PAPER_HIDDEN = (64, 128, 256, 512), 2048  # 38 M parameters, for timing
 BELL_CELLS = 0.8
 WINDOW_CELLS = 4
+SEEN_FROM = 0.4
 
 
 def resample(image: Tensor) -> Tensor:
@@ -46,19 +46,21 @@ def resize(image: Tensor) -> Tensor:
 
 def normalise(images: Tensor) -> Tensor:
     """uint8 [B, 288, 800, 3] to float32 [B, 3, 288, 800], channels last in memory."""
-    scale = 1 / (255 * torch.tensor(STD, device=images.device))
-    mean = 255 * torch.tensor(MEAN, device=images.device)
-    return ((images - mean) * scale).permute(0, 3, 1, 2)
+    width = images.shape[2]  # whole rows at once, which is several times faster than three values
+    scale = 1 / (255 * torch.tensor(STD * width, device=images.device))
+    mean = 255 * torch.tensor(MEAN * width, device=images.device)
+    rows = (images.flatten(2) - mean) * scale
+    return rows.view(images.shape).permute(0, 3, 1, 2)
 
 
 class BasicBlock(nn.Module):
-    """Two 3x3 convolutions and the identity (or its 1x1 projection)."""
+    """Two 3x3 convolutions, `inner` channels between them, and the identity (or its 1x1 projection)."""
 
-    def __init__(self, inputs: int, outputs: int, stride: int) -> None:
+    def __init__(self, inputs: int, inner: int, outputs: int, stride: int) -> None:
         super().__init__()
-        self.conv1 = nn.Conv2d(inputs, outputs, 3, stride, 1, bias=False)
-        self.bn1 = nn.BatchNorm2d(outputs)
-        self.conv2 = nn.Conv2d(outputs, outputs, 3, 1, 1, bias=False)
+        self.conv1 = nn.Conv2d(inputs, inner, 3, stride, 1, bias=False)
+        self.bn1 = nn.BatchNorm2d(inner)
+        self.conv2 = nn.Conv2d(inner, outputs, 3, 1, 1, bias=False)
         self.bn2 = nn.BatchNorm2d(outputs)
         self.shortcut = nn.Identity()
         if stride != 1 or inputs != outputs:
@@ -72,11 +74,18 @@ class BasicBlock(nn.Module):
 
 
 class Ufld(nn.Module):
-    """Image [B, 3, 288, 800] to logits [B, 101, 28, 4]; in training also segmentation logits and the
-    classifier's input."""
+    """Image [B, 3, 288, 800] to logits [B, 101, 28, 4]; in training also segmentation logits (if
+    `auxiliary`) and the classifier's input.
 
-    def __init__(self, widths: tuple[int, ...] = WIDTHS, hidden: int = HIDDEN) -> None:
+    `inner` are the widths inside the blocks of a pruned network, two blocks a stage; those between
+    the blocks are bound together by the identities.
+    """
+
+    def __init__(
+        self, widths: tuple[int, ...] = WIDTHS, hidden: int = HIDDEN, inner: tuple[int, ...] | None = None
+    ) -> None:
         super().__init__()
+        inner = inner or tuple(width for width in widths for _ in range(2))
         first = widths[0]
         self.stem = nn.Sequential(
             nn.Conv2d(3, first, 7, 2, 3, bias=False),
@@ -89,7 +98,10 @@ class Ufld(nn.Module):
         for i, width in enumerate(widths):
             stride = 1 if i == 0 else 2
             self.layers.append(
-                nn.Sequential(BasicBlock(inputs, width, stride), BasicBlock(width, width, 1))
+                nn.Sequential(
+                    BasicBlock(inputs, inner[2 * i], width, stride),
+                    BasicBlock(width, inner[2 * i + 1], width, 1),
+                )
             )
             inputs = width
         self.pool = nn.Conv2d(widths[-1], 8, 1)
@@ -100,28 +112,29 @@ class Ufld(nn.Module):
             nn.Linear(hidden, (CELLS + 1) * ROWS * MARKS),
         )
         self.segmentation = SegmentationHead(widths)
+        self.auxiliary = True
         self.frozen: list[nn.Module] = []
+        self.frozen_stages = 0
         for module in self.modules():
             if isinstance(module, nn.Conv2d):
                 nn.init.kaiming_normal_(module.weight, nonlinearity="relu")
 
     def forward(self, image: Tensor) -> Tensor | tuple[Tensor, Tensor, Tensor]:
-        x = self.low(image)
-        stages = []
-        for layer in self.layers[1:]:
+        x, stages = self.low(image), []
+        for layer in self.layers[self.frozen_stages :]:
             x = layer(x)
             stages.append(x)
         # Flattened from a channels-first tensor whatever the memory format, as ONNX does.
         flat = self.pool(x).contiguous().flatten(1)
         cells = self.classify(flat)
         if self.training:
-            return cells, self.segmentation(stages), flat
+            return cells, self.segmentation(stages[-3:]) if self.auxiliary else None, flat
         return cells
 
     def low(self, image: Tensor) -> Tensor:
-        """Stem and first stage; where they are frozen, two images at a time, which caches can hold."""
+        """The stem; where it is frozen, with the stages that are, two images at a time, which caches can hold."""
         if not self.frozen:
-            return self.layers[0](self.stem(image))
+            return self.stem(image)
         with torch.no_grad():
             return torch.cat([self.frozen[0](part.bfloat16()) for part in image.split(2)])
 
@@ -157,15 +170,19 @@ def expected_cell(cells: Tensor) -> Tensor:
 def decode(cells: Tensor) -> Tensor:
     """Logits [B, 101, 28, 4] to u in pixels [B, 28, 4], NaN where the mark is absent.
 
-    A mark is seen where its cells together are likelier than "none". Its place is the expectation
-    over the cells about the likeliest one.
+    A mark exists if in its surest row its cells together are likelier than "none". It is seen where
+    it is at least `SEEN_FROM` times as likely as there: in doubt whether a mark exists at all its rows
+    are in doubt together. Its place is the expectation over the cells about the likeliest one.
     """
     places = cells[:, :CELLS]
+    likely = (places.logsumexp(1) - cells[:, NONE]).sigmoid()
+    surest = likely.amax(1, keepdim=True)
+    seen = (surest > 0.5) & (likely > SEEN_FROM * surest)
     index = torch.arange(CELLS, device=cells.device).view(1, -1, 1, 1)
     beside = (index - places.argmax(1, keepdim=True)).abs() > WINDOW_CELLS
     probability = places.masked_fill(beside, -torch.inf).softmax(1)
     pixels = ((probability * index).sum(1) + 0.5) * CELL_PX
-    return pixels.masked_fill(places.logsumexp(1) <= cells[:, NONE], torch.nan)
+    return pixels.masked_fill(~seen, torch.nan)
 
 
 def segmentation_target(marks_px: np.ndarray) -> np.ndarray:
@@ -186,9 +203,11 @@ def segmentation_target(marks_px: np.ndarray) -> np.ndarray:
     return target
 
 
-def loss(outputs: tuple[Tensor, Tensor, Tensor], batch: dict[str, Tensor]) -> dict[str, Tensor]:
-    """The parts of the loss, weighted: the classifier's and the segmentation head's."""
+def loss(outputs: tuple[Tensor, Tensor | None, Tensor], batch: dict[str, Tensor]) -> dict[str, Tensor]:
+    """The parts of the loss, weighted: the classifier's and the segmentation head's, if it is run."""
     cells, segmentation, _ = outputs
+    if segmentation is None:
+        return mark_loss(cells.float(), batch["marks"])
     weights = torch.tensor([0.4] + [1.0] * MARKS, device=cells.device)
     aux = F.cross_entropy(segmentation.float(), batch["segmentation"], weights)
     return mark_loss(cells.float(), batch["marks"]) | {"segmentation": 3 * aux}
@@ -228,23 +247,22 @@ def mark_loss(cells: Tensor, marks: Tensor) -> dict[str, Tensor]:
     }
 
 
-def freeze_low(model: Ufld, average: Ufld) -> None:
-    """Gives the stem and the first stage, two thirds of the work, their average weights for good."""
+def inner_of(weights: dict[str, Tensor]) -> tuple[int, ...]:
+    """The widths inside the blocks of a network with these weights."""
+    names = (f"layers.{i}.{j}.conv1.weight" for i in range(len(WIDTHS)) for j in range(2))
+    return tuple(len(weights[name]) for name in names)
+
+
+def freeze_low(model: Ufld, average: Ufld, stages: int = 1) -> None:
+    """Gives the stem and the first stages their average weights for good; with one stage that is two
+    thirds of the work."""
+    from deploy import fold  # which imports this module
+
     model.stem.load_state_dict(average.stem.state_dict())
-    model.layers[0].load_state_dict(average.layers[0].state_dict())
-    low = nn.Sequential(model.stem, model.layers[0]).requires_grad_(False).eval()
-    model.frozen = [folded(low)]  # in a list, so that it is no part of the state
-
-
-def folded(low: nn.Sequential) -> nn.Sequential:
-    """A copy with the normalisations folded into the convolutions, in bf16."""
-    low = copy.deepcopy(low)
-    stem, blocks = low
-    stem[0], stem[1] = fuse_conv_bn_eval(stem[0], stem[1]), nn.Identity()
-    for block in blocks:
-        block.conv1, block.bn1 = fuse_conv_bn_eval(block.conv1, block.bn1), nn.Identity()
-        block.conv2, block.bn2 = fuse_conv_bn_eval(block.conv2, block.bn2), nn.Identity()
-    return low.bfloat16().to(memory_format=torch.channels_last)
+    model.layers[:stages].load_state_dict(average.layers[:stages].state_dict())
+    low = nn.Sequential(model.stem, *model.layers[:stages]).requires_grad_(False).eval()
+    low = fold(copy.deepcopy(low)).bfloat16().to(memory_format=torch.channels_last)
+    model.frozen, model.frozen_stages = [low], stages  # in a list, so that it is no part of the state
 
 
 class Rehearsal:
@@ -274,6 +292,12 @@ class Rehearsal:
             with torch.autocast(flat.device.type, torch.bfloat16):
                 cells = model.classify(flat)
             yield sum(mark_loss(cells.float(), torch.stack([self.marks[i] for i in drawn])).values())
+
+
+def imitation(cells: Tensor, taught: Tensor) -> Tensor:
+    """How far the 101 probabilities of logits [B, 101, 28, 4] are from the teacher's: cross entropy
+    less its least."""
+    return F.kl_div(cells.log_softmax(1), taught.log_softmax(1), log_target=True, reduction="none").sum(1).mean()
 
 
 def second_difference(x: Tensor) -> Tensor:

@@ -25,6 +25,15 @@ BOX_WEIGHTS = (1.0, 1.0, 3.0, 1.0, 1.0, 2.0, 1.0)  # the overlap in 3D fails by 
 
 
 @dataclass(frozen=True)
+class Widths:
+    """Output channels of every layer but the heads."""
+
+    pillar: int
+    blocks: tuple[tuple[int, ...], ...]
+    ups: tuple[int, ...]
+
+
+@dataclass(frozen=True)
 class Detector:
     """Range, pillars and channels: all in which two detectors differ."""
 
@@ -33,8 +42,7 @@ class Detector:
     range_m: tuple[float, float, float, float, float, float]
     max_pillars: int
     max_points: int
-    channels: tuple[int, int, int, int]  # of a pillar and of the three blocks
-    up_channels: int
+    widths: Widths
 
     @property
     def grid(self) -> tuple[int, int]:
@@ -49,17 +57,22 @@ class Detector:
         return ny // STRIDE, nx // STRIDE
 
 
+def uniform(pillar: int, *blocks: int, up: int) -> Widths:
+    """The published design: one width a block."""
+    return Widths(pillar, tuple((width,) * count for width, count in zip(blocks, (4, 6, 6))), (up,) * len(blocks))
+
+
 FREEWAY = Detector(
     "pointpillars",
     "PointPillars over a freeway range at half the usual channels: cars and trucks all around.",
     (-69.12, -12.8, -3.0, 69.12, 12.8, 1.0),
-    max_pillars=20000, max_points=32, channels=(32, 32, 64, 128), up_channels=64,
+    max_pillars=20000, max_points=32, widths=uniform(32, 32, 64, 128, up=64),
 )  # fmt: skip
 KITTI = Detector(
     "pointpillars-kitti",
     "PointPillars of the published shape over KITTI's range: cars and trucks ahead.",
     (0.0, -39.68, -3.0, 69.12, 39.68, 1.0),
-    max_pillars=12000, max_points=100, channels=(64, 64, 128, 256), up_channels=128,
+    max_pillars=12000, max_points=100, widths=uniform(64, 64, 128, 256, up=128),
 )  # fmt: skip
 DETECTORS = {detector.id: detector for detector in (FREEWAY, KITTI)}
 
@@ -198,12 +211,12 @@ def scatter(features: Tensor, coords: Tensor, grid: tuple[int, int], batch: int 
     return canvas.view(batch, ny, nx, -1).permute(0, 3, 1, 2)
 
 
-def conv_block(inputs: int, outputs: int, layers: int) -> nn.Sequential:
-    """A 3x3 convolution of stride 2 and `layers` of stride 1, each with BN and ReLU."""
+def conv_block(inputs: int, widths: tuple[int, ...]) -> nn.Sequential:
+    """3x3 convolutions of these widths, the first of stride 2, each with BN and ReLU."""
     parts: list[nn.Module] = []
-    for i in range(layers + 1):
-        conv = nn.Conv2d(inputs if i == 0 else outputs, outputs, 3, 2 if i == 0 else 1, 1, bias=False)
-        parts += [conv, nn.BatchNorm2d(outputs, eps=1e-3), nn.ReLU()]
+    for i, (before, width) in enumerate(zip((inputs, *widths), widths)):
+        conv = nn.Conv2d(before, width, 3, 2 if i == 0 else 1, 1, bias=False)
+        parts += [conv, nn.BatchNorm2d(width, eps=1e-3), nn.ReLU()]
     return nn.Sequential(*parts)
 
 
@@ -219,17 +232,15 @@ class PointPillars(nn.Module):
 
     def __init__(self, detector: Detector) -> None:
         super().__init__()
-        first, *blocks = detector.channels
-        up = detector.up_channels
+        widths = detector.widths
+        lasts = [block[-1] for block in widths.blocks]
         self.grid = detector.grid
-        self.features = PillarFeatures(first)
-        self.blocks = nn.ModuleList(
-            conv_block(i, o, layers) for i, o, layers in zip(detector.channels, blocks, (3, 5, 5))
-        )
-        self.ups = nn.ModuleList(up_block(width, up, factor) for width, factor in zip(blocks, (1, 2, 4)))
-        self.classes = nn.Conv2d(3 * up, PER_CELL, 1)
-        self.boxes = nn.Conv2d(3 * up, PER_CELL * 7, 1)
-        self.directions = nn.Conv2d(3 * up, PER_CELL * 2, 1)
+        self.features = PillarFeatures(widths.pillar)
+        self.blocks = nn.ModuleList(map(conv_block, (widths.pillar, *lasts), widths.blocks))
+        self.ups = nn.ModuleList(map(up_block, lasts, widths.ups, (1, 2, 4)))
+        self.classes = nn.Conv2d(sum(widths.ups), PER_CELL, 1)
+        self.boxes = nn.Conv2d(sum(widths.ups), PER_CELL * 7, 1)
+        self.directions = nn.Conv2d(sum(widths.ups), PER_CELL * 2, 1)
         nn.init.constant_(self.classes.bias, -math.log((1 - 0.01) / 0.01))
         nn.init.normal_(self.boxes.weight, std=1e-3)
 
@@ -260,6 +271,16 @@ class PointPillars(nn.Module):
             x = block(x)
             maps.append(up(x))
         return torch.cat(maps, 1)
+
+
+def widths_of(weights: dict[str, Tensor]) -> Widths:
+    """The widths of the network that these weights, of training, are of."""
+
+    def layers(prefix: str, axis: int) -> tuple[int, ...]:
+        return tuple(v.shape[axis] for k, v in weights.items() if k.startswith(prefix) and v.dim() == 4)
+
+    blocks = tuple(layers(f"blocks.{i}.", 0) for i in range(3))
+    return Widths(len(weights["features.linear.weight"]), blocks, layers("ups.", 1))
 
 
 @torch.no_grad()

@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from types import ModuleType
 
@@ -29,10 +30,12 @@ from tqdm import tqdm
 import lanes
 import pointpillars
 from data import Batches, DetectorDataset, LaneDataset
+from reload import load_onnx, measure_normalisation
 
 EMA_DECAY = 0.998
 WARM_UP = 0.05
 LOG_EVERY = 20
+STATISTICS_BATCHES = 8
 
 
 @dataclass(frozen=True)
@@ -50,14 +53,17 @@ class Task:
     ) -> dict[str, Tensor]:
         """The parts of the loss of one batch."""
         with torch.autocast(batch_device(batch).type, torch.bfloat16):
-            if self.module is lanes:
-                outputs = model(lanes.normalise(batch["image"]))
-                if rehearsal:
-                    rehearsal.add(outputs[2], batch["marks"])
-            else:
-                frames, grid = len(batch["labels"]), tuple(batch["grid"].tolist())
-                outputs = model(batch["pillars"], batch["coords"], batch["numbers"], frames, grid)
+            outputs = self.forward(model, batch)
+        if rehearsal:
+            rehearsal.add(outputs[2], batch["marks"])
         return self.module.loss(outputs, batch)
+
+    def forward(self, model: nn.Module, batch: dict[str, Tensor]) -> Tensor | tuple[Tensor, ...]:
+        """The network's outputs for one batch."""
+        if self.module is lanes:
+            return model(lanes.normalise(batch["image"]))
+        frames, grid = len(batch["labels"]), tuple(batch["grid"].tolist())
+        return model(batch["pillars"], batch["coords"], batch["numbers"], frames, grid)
 
 
 TASKS = {
@@ -79,6 +85,17 @@ def one_cycle(progress: float) -> float:
         return 0.04 + 0.96 * progress / WARM_UP
     phase = min((progress - WARM_UP) / (1 - WARM_UP), 1)
     return 0.01 + 0.99 * 0.5 * (1 + float(np.cos(np.pi * phase)))
+
+
+def begin_with_file(task: Task, model: nn.Module, path: Path, data: Path) -> None:
+    """The weights of a deployed file, its normalisations measured on the first training batches."""
+    load_onnx(model, path)
+    dataset = task.dataset(data, augmented=True)
+    draws = islice(Batches(dataset, task.batch, 0, 0), STATISTICS_BATCHES)
+    batches = (dataset.collate([dataset[item] for item in draw]) for draw in draws)
+    device = next(model.parameters()).device
+    on_device = ({k: v.to(device) for k, v in batch.items()} for batch in batches)
+    measure_normalisation(model, on_device, task.forward)
 
 
 @torch.no_grad()
@@ -140,9 +157,10 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--no-augment", action="store_true")
     parser.add_argument("--freeze-low", action="store_true", help="lanes: stem and first stage as they are, faster")
+    parser.add_argument("--no-auxiliary", action="store_true", help="lanes: without the segmentation head")
     start = parser.add_mutually_exclusive_group()
     start.add_argument("--resume", action="store_true", help="go on with the run in --out")
-    start.add_argument("--from-weights", type=Path, help="begin a new run with a checkpoint's weights")
+    start.add_argument("--from-weights", type=Path, help="begin a new run with the weights of a checkpoint or of an exported file")
     args = parser.parse_args()
 
     torch.set_num_threads(args.threads)
@@ -150,7 +168,9 @@ def main() -> None:
     task = TASKS[args.task]
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     model = task.network().to(device, memory_format=torch.channels_last).train()
-    if args.from_weights:
+    if args.from_weights and args.from_weights.suffix == ".onnx":
+        begin_with_file(task, model, args.from_weights, args.data)
+    elif args.from_weights:
         weights = torch.load(args.from_weights, map_location=device)["average"]
         if task.module is pointpillars:
             weights = pointpillars.widen(weights, model)
@@ -169,8 +189,10 @@ def main() -> None:
 
     if args.freeze_low:
         lanes.freeze_low(model, average)
+    if args.no_auxiliary:
+        model.auxiliary = average.auxiliary = False
     dataset = task.dataset(args.data, augmented=not args.no_augment)
-    batches = Batches(len(dataset), args.batch or task.batch, args.seed, step)
+    batches = Batches(dataset, args.batch or task.batch, args.seed, step)
     loader = DataLoader(dataset, batch_sampler=batches, collate_fn=dataset.collate, num_workers=args.workers)
     held_out = None
     if args.val:

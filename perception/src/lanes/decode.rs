@@ -40,9 +40,23 @@ pub fn mark_points(pixels: &MarkPixels) -> MarkPoints {
 /// Cells on each side of the likeliest one that share in a mark's place.
 const WINDOW_CELLS: usize = 4;
 
+/// How likely a mark is in the rows where it is seen, at least, as part of how likely it is in its
+/// surest row.
+const SEEN_FROM: f64 = 0.4;
+
+/// A mark in one row.
+struct Place {
+    /// Probability of all cells together.
+    likely: f64,
+    u_px: f32,
+    spread_px: f32,
+}
+
 /// Decodes logits [`grid_cells` + 1, row anchors, marks], the last cell being "none".
 ///
-/// A mark is seen where its cells together are likelier than "none". Its u is
+/// A mark exists if in its surest row its cells together are likelier than "none". There it is seen,
+/// and in all rows where it is at least 0.4 times as likely: in doubt whether a mark exists at all its
+/// rows are in doubt together. Its u is
 /// `(E + 0.5) * image_width_px / grid_cells` with the expectation E of the cell's index over the
 /// softmax of the four cells on each side of the likeliest cell; its spread is the root mean
 /// square distance from there over the softmax of all cells.
@@ -57,23 +71,35 @@ pub fn decode(logits: &[f32], grid_cells: usize, image_width_px: u32) -> FoundMa
         let weight = |cell: usize| (logit(cell) - largest).exp();
         let from_best = |cell: usize| cell as f64 - best as f64;
         let all = Moments::of((0..grid_cells).map(|cell| (weight(cell), from_best(cell))));
-        // False also where the network's output is not finite.
-        if !(largest.is_finite() && all.weight > weight(grid_cells)) {
-            return None;
-        }
         let window = best.saturating_sub(WINDOW_CELLS)..(best + WINDOW_CELLS + 1).min(grid_cells);
         let near = Moments::of(window.map(|cell| (weight(cell), from_best(cell))));
         let mean = near.first / near.weight;
-        let u_px = (best as f64 + mean + 0.5) * cell_px;
-        let spread_px = all.square_about(mean).sqrt() * cell_px;
-        u_px.is_finite().then_some((u_px as f32, spread_px as f32))
+        let place = Place {
+            likely: all.weight / (all.weight + weight(grid_cells)),
+            u_px: ((best as f64 + mean + 0.5) * cell_px) as f32,
+            spread_px: (all.square_about(mean).sqrt() * cell_px) as f32,
+        };
+        // Neither is where the network's output is not finite.
+        (place.likely.is_finite() && place.u_px.is_finite()).then_some(place)
     };
-    let places: [[Option<(f32, f32)>; ROW_ANCHORS.len()]; MARK_COUNT] =
-        std::array::from_fn(|mark| std::array::from_fn(|row| place(mark, row)));
+    let found: [[Option<Place>; ROW_ANCHORS.len()]; MARK_COUNT] = std::array::from_fn(|mark| {
+        let places: [_; ROW_ANCHORS.len()] = std::array::from_fn(|row| place(mark, row));
+        let likely = places.iter().flatten().map(|place: &Place| place.likely);
+        let surest = likely.fold(0.0, f64::max);
+        let seen = |place: &Place| surest > 0.5 && place.likely > SEEN_FROM * surest;
+        places.map(|place| place.filter(seen))
+    });
     FoundMarks {
-        pixels: places.map(|mark| mark.map(|place| place.map(|(u_px, _)| u_px))),
-        spread_px: places
-            .map(|mark| mark.map(|place| place.map_or(0.0, |(_, spread_px)| spread_px))),
+        pixels: std::array::from_fn(|mark| {
+            std::array::from_fn(|row| found[mark][row].as_ref().map(|place| place.u_px))
+        }),
+        spread_px: std::array::from_fn(|mark| {
+            std::array::from_fn(|row| {
+                found[mark][row]
+                    .as_ref()
+                    .map_or(0.0, |place| place.spread_px)
+            })
+        }),
     }
 }
 
@@ -146,6 +172,29 @@ mod tests {
         let u = place(1.0).expect("seen");
         assert!((f64::from(u) - 30.5 * 12.42).abs() < 1e-3, "{u}");
         assert_eq!(place(1.5), None);
+    }
+
+    #[test]
+    fn a_mark_is_seen_in_its_surest_row_and_where_it_is_at_least_0_4_times_as_likely() {
+        // One cell against "none", of probability `least + row * step`.
+        let rows_seen = |least: f64, step: f64| {
+            let logits = logits(|cell, row, mark| match (cell, mark) {
+                (50, 1) => {
+                    let likely = least + row as f64 * step;
+                    (likely / (1.0 - likely)).ln() as f32
+                }
+                (CELLS, _) => 0.0,
+                _ => -50.0,
+            });
+            let pixels = decode(&logits, CELLS, 1242).pixels;
+            pixels.map(|mark| mark.iter().flatten().count())
+        };
+        // Up to 0.94, so from 0.376 on, in row 9.
+        assert_eq!(rows_seen(0.13, 0.03), [0, 19, 0, 0]);
+        // Up to 0.545, so from 0.218 on, in row 11.
+        assert_eq!(rows_seen(0.005, 0.02), [0, 17, 0, 0]);
+        // Up to 0.49.
+        assert_eq!(rows_seen(0.22, 0.01), [0, 0, 0, 0]);
     }
 
     #[test]
