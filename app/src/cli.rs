@@ -1,6 +1,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use covista_perception::{Provider, ProviderChoice};
 use covista_sensors::{Format, Split, TruthFile};
 
 /// Cooperative vision, planning and safe control of connected vehicles, on a laptop.
@@ -79,6 +80,9 @@ pub struct DemoArgs {
     /// the sources]
     #[arg(long, value_name = "DIR")]
     pub models: Option<PathBuf>,
+    /// What computes the networks
+    #[command(flatten)]
+    pub provider: ProviderArg,
     /// Write the truth as CSV, one row a vehicle every 0.1 s
     #[arg(long, value_name = "FILE")]
     pub trace: Option<PathBuf>,
@@ -99,6 +103,7 @@ impl Default for DemoArgs {
             calibration: None,
             out: None,
             models: None,
+            provider: ProviderArg::default(),
             trace: None,
             view: false,
         }
@@ -160,6 +165,23 @@ pub enum EvalWhat {
     Errors(ErrorsArgs),
 }
 
+/// What computes the networks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Args)]
+pub struct ProviderArg {
+    /// What computes the networks: cpu, openvino (fetched if need be), cuda, or auto, the fastest
+    /// of these that is on this machine
+    #[arg(long, value_name = "NAME", default_value_t = ProviderArg::default().provider)]
+    pub provider: ProviderChoice,
+}
+
+impl Default for ProviderArg {
+    fn default() -> Self {
+        Self {
+            provider: ProviderChoice::Only(Provider::Cpu),
+        }
+    }
+}
+
 /// Frames with their truth to measure the fusion on.
 #[derive(Debug, Args)]
 pub struct FusionArgs {
@@ -169,6 +191,9 @@ pub struct FusionArgs {
     /// Folder of the networks
     #[arg(long, value_name = "DIR")]
     pub models: Option<PathBuf>,
+    /// What computes the networks
+    #[command(flatten)]
+    pub provider: ProviderArg,
     /// Write the rows as JSON
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
@@ -194,6 +219,9 @@ pub struct CooperativeArgs {
     /// Folder of the networks
     #[arg(long, value_name = "DIR")]
     pub models: Option<PathBuf>,
+    /// What computes the networks
+    #[command(flatten)]
+    pub provider: ProviderArg,
     /// Write the rows as JSON
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
@@ -255,6 +283,9 @@ pub struct RecordedArgs {
     /// Folder of the networks
     #[arg(long, value_name = "DIR")]
     pub models: Option<PathBuf>,
+    /// What computes the networks
+    #[command(flatten)]
+    pub provider: ProviderArg,
     /// Write the rows as JSON
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,

@@ -143,7 +143,8 @@ impl OnnxRuntime {
     ///
     /// OpenVINO's plugin is loaded from `COVISTA_OPENVINO_PLUGIN`, else from covista's cache, else
     /// fetched there with the machine's pip; `progress` is told before anything that takes long.
-    /// For [`ProviderChoice::Auto`] nothing is fetched.
+    /// For [`ProviderChoice::Auto`] nothing is fetched; a plugin that is there and does not work
+    /// is told and left out.
     ///
     /// # Errors
     /// It is not to be had on this machine; one line says why.
@@ -169,9 +170,12 @@ impl OnnxRuntime {
             ProviderChoice::Auto => {
                 let is_present = |provider: &Provider| match provider {
                     Provider::Cpu => true,
-                    Provider::OpenVino => acquire::OPENVINO
-                        .present()
-                        .is_some_and(|plugin| self.load_openvino(&plugin).is_ok()),
+                    Provider::OpenVino => acquire::OPENVINO.present().is_some_and(|plugin| {
+                        let loaded = self.load_openvino(&plugin);
+                        loaded
+                            .inspect_err(|error| progress(&error.to_string()))
+                            .is_ok()
+                    }),
                     Provider::Cuda => self.find_cuda().is_ok(),
                 };
                 let found = Provider::ALL.into_iter().find(is_present);
