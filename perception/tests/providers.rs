@@ -36,22 +36,45 @@ fn openvino(threads: usize) -> (OnnxRuntime, SessionSettings) {
     (runtime, SessionSettings { provider, threads })
 }
 
+/// Plugins are loaded for the whole process and other tests compute in it at the same time: whether
+/// this process has the test `name` alone, which otherwise was run in one that has.
+fn is_alone(name: &str) -> bool {
+    const ALONE: &str = "COVISTA_TEST_ALONE";
+    if std::env::var_os(ALONE).is_some() {
+        return true;
+    }
+    let this = std::env::current_exe().expect("this program");
+    let output = std::process::Command::new(this)
+        .args(["--exact", name])
+        .env(ALONE, "1")
+        .output()
+        .expect("started");
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(
+        output.status.success() && said.contains("1 passed"),
+        "{said}"
+    );
+    false
+}
+
 #[test]
-fn a_session_computes_on_the_provider_that_is_named_and_on_no_other() {
+fn the_cpu_provider_stays_the_cpu_provider_when_openvino_is_loaded() {
+    if !is_alone("the_cpu_provider_stays_the_cpu_provider_when_openvino_is_loaded") {
+        return;
+    }
     let runtime = OnnxRuntime::acquire(&|_| ()).expect("ONNX Runtime");
     let picture = picture();
-    let marks = |settings: SessionSettings| {
+    let marks = || {
         let models = root().join("models");
+        let settings = SessionSettings::cpu(1);
         let mut finder =
             LaneFinder::open(&runtime, &models, "ufld-resnet18", settings).expect("a network");
-        assert_eq!(finder.provider(), settings.provider);
+        assert_eq!(finder.provider(), Provider::Cpu);
         finder.find_marks(&picture).expect("marks")
     };
-    let cpu = marks(SessionSettings::cpu(1));
-    let (_, settings) = openvino(1);
-    marks(settings);
-    // The plugin is loaded now, and yet the CPU provider is the CPU provider.
-    assert_eq!(marks(SessionSettings::cpu(1)), cpu);
+    let before = marks();
+    openvino(1);
+    assert_eq!(marks(), before);
 }
 
 #[test]
@@ -98,17 +121,7 @@ fn computed() -> HashMap<String, u64> {
 
 #[test]
 fn one_thread_is_one_thread() {
-    // Other tests of this process compute at the same time, so this one has its own.
-    const ALONE: &str = "COVISTA_TEST_ALONE";
-    if std::env::var_os(ALONE).is_none() {
-        let this = std::env::current_exe().expect("this program");
-        let output = std::process::Command::new(this)
-            .args(["--exact", "one_thread_is_one_thread"])
-            .env(ALONE, "1")
-            .output()
-            .expect("started");
-        let said = String::from_utf8_lossy(&output.stdout);
-        assert!(output.status.success(), "{said}");
+    if !is_alone("one_thread_is_one_thread") {
         return;
     }
     for settings in [openvino(1).1, SessionSettings::cpu(1)] {
