@@ -13,7 +13,7 @@ import onnx
 from onnx import numpy_helper, shape_inference
 
 WEIGHTED = ("Conv", "ConvTranspose", "Gemm", "MatMul")
-PASSED_ON = ("Cast", "DequantizeLinear", "Identity", "Transpose", "Reshape")
+PASSED_ON = ("Cast", "Concat", "DequantizeLinear", "Identity", "Transpose", "Reshape")
 
 
 def cost(path: Path) -> dict[str, int]:
@@ -39,6 +39,8 @@ def cost(path: Path) -> dict[str, int]:
         if node is None or node.op_type not in PASSED_ON:
             return None
         array = values(node.input[0])
+        if array is not None and node.op_type == "Concat":
+            return np.concatenate([values(part).reshape(-1) for part in node.input])
         if array is not None and node.op_type == "DequantizeLinear" and len(node.input) > 2:
             axis = next((a.i for a in node.attribute if a.name == "axis"), 1)
             zero = values(node.input[2])

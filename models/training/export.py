@@ -21,6 +21,7 @@ import onnx
 import torch
 from onnx import TensorProto, helper, numpy_helper
 from torch import Tensor, nn
+from torch.nn import functional as F
 
 import lanes
 import pointpillars as pp
@@ -69,14 +70,21 @@ def network_of(network: str, weights: dict[str, Tensor]) -> nn.Module:
 
 
 class Maps(nn.Module):
-    """The part of a deployed detector that the ONNX file computes: from the canvas to the maps."""
+    """The part of a deployed detector that the ONNX file computes: from the canvas to the maps.
+
+    The three heads are one convolution, which reads their input once. It is put together from their
+    weights in the graph, so that these keep their names; ONNX Runtime does so when it loads the file.
+    """
 
     def __init__(self, model: pp.PointPillars) -> None:
         super().__init__()
         self.model = model
 
     def forward(self, canvas: Tensor) -> tuple[Tensor, ...]:
-        return self.model.maps(canvas)
+        heads = self.model.classes, self.model.boxes, self.model.directions
+        weight, bias = (torch.cat(parts) for parts in zip(*((head.weight, head.bias) for head in heads)))
+        maps = F.conv2d(self.model.neck(canvas), weight, bias)
+        return maps.split([head.out_channels for head in heads], 1)
 
 
 def example(network: str, model: nn.Module) -> dict[str, Tensor]:
@@ -118,7 +126,7 @@ def export_onnx(network: str, model: nn.Module, path: Path) -> None:
     graph = model if network == "lanes" else Maps(model)
     torch.onnx.export(
         graph, tuple(inputs.values()), path, dynamo=False, opset_version=OPSET,
-        input_names=list(inputs), output_names=list(outputs_of(network)),
+        input_names=list(inputs), output_names=list(outputs_of(network)), do_constant_folding=False,
     )  # fmt: skip
     exported = onnx.load(path)
     store_as_fp16(exported)

@@ -18,6 +18,7 @@ from torch.nn import functional as F
 
 PILLAR_M = 0.16
 STRIDE = 2
+MEAN_ROUNDER = 1.5 * 2.0 ** (52 - 36)  # rounds to 2^-36 m: sums of a pillar's points are exact
 HASH_FACTORS = (0x9E3779B1, 0x85EBCA77, 0xC2B2AE3D, 0x27D4EB2F)
 CLASSES = ("car", "truck")
 BOX_WEIGHTS = (1.0, 1.0, 3.0, 1.0, 1.0, 2.0, 1.0)  # the overlap in 3D fails by height first
@@ -150,7 +151,8 @@ def voxelize(points: np.ndarray, detector: Detector) -> Pillars:
     points, cell, pillar = points[taken], cell[taken], pillar[taken]
 
     numbers = np.minimum(counts[kept], detector.max_points)
-    sums = np.stack([np.bincount(pillar, points[:, i], len(kept)) for i in range(3)], 1)
+    rounded = (points[:, :3].astype(np.float64) + MEAN_ROUNDER) - MEAN_ROUNDER
+    sums = np.stack([np.bincount(pillar, rounded[:, i], len(kept)) for i in range(3)], 1)
     mean = (sums / numbers[:, None]).astype(np.float32)
     center = (cell.astype(np.float32) + np.float32(0.5)) * np.float32(PILLAR_M) + low[:2]
     offsets = (points[:, :3] - mean[pillar], points[:, :2] - center)
@@ -258,13 +260,17 @@ class PointPillars(nn.Module):
         return classes, boxes.reshape(*shape, 7), directions.reshape(*shape, 2)
 
     def maps(self, canvas: Tensor) -> tuple[Tensor, ...]:
-        """What is exported: the canvas to maps of 4, 4 * 7 and 4 * 2 channels, channels first."""
+        """The canvas to maps of 4, 4 * 7 and 4 * 2 channels, channels first."""
+        x = self.neck(canvas)
+        return self.classes(x), self.boxes(x), self.directions(x)
+
+    def neck(self, canvas: Tensor) -> Tensor:
+        """The canvas to what the heads read."""
         x, maps = canvas, []
         for block, up in zip(self.blocks, self.ups):
             x = block(x)
             maps.append(up(x))
-        x = torch.cat(maps, 1)
-        return self.classes(x), self.boxes(x), self.directions(x)
+        return torch.cat(maps, 1)
 
 
 def widths_of(weights: dict[str, Tensor]) -> Widths:

@@ -54,6 +54,20 @@ pub struct ModelCard {
     pub training: toml::Table,
     /// Measured quality and the commands that measure it, free-form.
     pub metrics: toml::Table,
+    /// What the network costs, where the card says so.
+    pub cost: Option<Cost>,
+}
+
+/// What a network costs, whatever runs it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Cost {
+    /// Of the ONNX graph, for one frame.
+    pub multiply_accumulates: u64,
+    /// Weights of the whole file, a detector's pillar features included.
+    pub parameters: u64,
+    /// Those of them that are not 0.
+    pub nonzero_parameters: u64,
 }
 
 /// The kinds of network, with what surrounds them.
@@ -153,6 +167,7 @@ struct CardFile {
     anchors: Vec<AnchorSpec>,
     training: toml::Table,
     metrics: toml::Table,
+    cost: Option<Cost>,
 }
 
 #[derive(Deserialize)]
@@ -227,6 +242,7 @@ impl ModelCard {
             network,
             training: card.training,
             metrics: card.metrics,
+            cost: card.cost,
         })
     }
 }
@@ -302,13 +318,33 @@ mod tests {
     fn a_card_says_what_surrounds_the_network() {
         let card = ModelCard::load(&fixture("pointpillars")).unwrap();
         assert!(card.file.ends_with("tests/fixtures/pointpillars.onnx"));
-        assert_eq!(card.inputs[0].shape[0], Dimension::Dynamic("P".into()));
-        assert_eq!(card.inputs[0].shape[1], Dimension::Fixed(32));
+        assert_eq!(card.inputs[0].shape[2], Dimension::Fixed(160));
         let Network::PointPillars(spec) = card.network else {
             panic!("not a detector");
         };
         assert_eq!(spec.grid(), [864, 160]);
         assert_eq!(spec.anchors[1].class, ObjectClass::Truck);
+    }
+
+    #[test]
+    fn a_card_may_say_what_the_network_costs() {
+        let with = |cost: &str| {
+            parse(
+                "ufld-resnet18",
+                "[metrics]\n",
+                &format!("[metrics]\n{cost}"),
+            )
+        };
+        assert_eq!(with("").unwrap().cost, None);
+        let cost = "[cost]\nmultiply_accumulates = 12\nparameters = 7\nnonzero_parameters = 5\n";
+        let expected = Cost {
+            multiply_accumulates: 12,
+            parameters: 7,
+            nonzero_parameters: 5,
+        };
+        assert_eq!(with(cost).unwrap().cost, Some(expected));
+        let unknown = with(&cost.replace("nonzero_", "non_zero_")).unwrap_err();
+        assert!(unknown.contains("non_zero_parameters"), "{unknown}");
     }
 
     #[test]

@@ -21,7 +21,8 @@ pub mod pointpillars;
 mod runtime;
 
 pub use card::{
-    AnchorSpec, CardError, Dimension, ModelCard, Network, PointPillarsSpec, TensorSpec, UfldSpec,
+    AnchorSpec, CardError, Cost, Dimension, ModelCard, Network, PointPillarsSpec, TensorSpec,
+    UfldSpec,
 };
 pub use lanes::finder::LaneFinder;
 pub use models::{

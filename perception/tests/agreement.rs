@@ -66,15 +66,13 @@ fn detectors_agree_with_pytorch() {
             DetectorNetwork::open(&runtime, &card, spec, SessionSettings::cpu(1)).expect("network");
         let reference = reference(&format!("{id}.json"));
         let mut grid = PillarGrid::new(spec);
-        let boxes = network
-            .run(grid.apply(&sweep), |maps| {
-                let outputs = &reference["outputs"];
-                assert_alike(maps.class_logits, &outputs["class_logits"]);
-                assert_alike(maps.box_deltas, &outputs["box_deltas"]);
-                assert_alike(maps.direction_logits, &outputs["direction_logits"]);
-                BoxDecoder::new(spec).decode(maps, spec.score_threshold)
-            })
-            .expect("maps");
+        network.paint(grid.apply(&sweep));
+        network.run().expect("maps");
+        let (maps, outputs) = (network.maps(), &reference["outputs"]);
+        assert_alike(maps.class_logits, &outputs["class_logits"]);
+        assert_alike(maps.box_deltas, &outputs["box_deltas"]);
+        assert_alike(maps.direction_logits, &outputs["direction_logits"]);
+        let boxes = BoxDecoder::new(spec).decode(maps, spec.score_threshold);
         let expected: Vec<Vec<f64>> = reference["boxes"]
             .as_array()
             .expect("boxes")

@@ -235,8 +235,8 @@ fn a_model_that_is_not_its_cards_is_refused_in_one_line() {
     );
     let message = refused(&|card| card.outputs[0].name = "scores".into());
     assert!(message.contains("output class_logits"), "{message}");
-    let message = refused(&|card| card.inputs[1].dtype = "float32".into());
-    assert!(message.contains("input coords"), "{message}");
+    let message = refused(&|card| card.inputs[0].dtype = "int64".into());
+    assert!(message.contains("input canvas"), "{message}");
 
     let folder = tempfile::tempdir().expect("folder");
     let damaged = folder.path().join("damaged.onnx");

@@ -6,13 +6,15 @@ use covista_world::{Detection3d, ObjectClass, wrap_angle};
 use nalgebra::Vector3;
 
 use super::network::HeadMaps;
-use super::nms::suppress;
+use super::nms::Suppression;
 use crate::card::PointPillarsSpec;
 
 /// Boxes that enter non-maximum suppression, best first; a sound network gives far fewer.
 const MAX_CANDIDATES: usize = 1000;
 /// Boxes of one frame, best first: more vehicles than a sweep ever shows.
 const MAX_BOXES: usize = 100;
+/// Logits that are compared with the threshold at once.
+const CHUNK: usize = 64;
 /// Largest logarithm of a box's size over its anchor's.
 const MAX_LOG_SIZE: f64 = 1.0;
 
@@ -32,7 +34,17 @@ pub struct BoxDecoder {
     origin_m: [f64; 2],
     cell_m: f64,
     columns: usize,
-    nms_iou: f64,
+    rows: usize,
+    suppression: Suppression,
+    candidates: Vec<Candidate>,
+}
+
+/// An anchor whose box is sure enough.
+#[derive(Debug, Clone, Copy)]
+struct Candidate {
+    logit: f32,
+    cell: usize,
+    anchor: usize,
 }
 
 impl BoxDecoder {
@@ -52,48 +64,85 @@ impl BoxDecoder {
             origin_m: [0, 1].map(|axis| f64::from(spec.range_m[axis]) + 0.5 * cell_m),
             cell_m,
             columns: spec.grid()[0] / 2,
-            nms_iou: spec.nms_iou,
+            rows: spec.grid()[1] / 2,
+            suppression: Suppression::new(spec.nms_iou, MAX_BOXES),
+            candidates: Vec::new(),
         }
     }
 
     /// The boxes with at least the score `least_score`, in (0, 1), that survive non-maximum
     /// suppression, best first, in the LIDAR frame.
-    pub fn decode(&self, maps: HeadMaps<'_>, least_score: f64) -> Vec<Detection3d> {
+    pub fn decode(&mut self, maps: HeadMaps<'_>, least_score: f64) -> Vec<Detection3d> {
         let threshold = (least_score / (1.0 - least_score)).ln() as f32;
-        let mut candidates: Vec<(f32, usize)> = maps
-            .class_logits
-            .iter()
-            .enumerate()
-            .filter(|(_, logit)| **logit >= threshold)
-            .map(|(slot, logit)| (*logit, slot))
-            .collect();
-        candidates.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-        candidates.truncate(MAX_CANDIDATES);
-        let boxes = candidates
-            .iter()
-            .filter_map(|&(_, slot)| self.decode_slot(slot, maps))
-            .collect();
-        let mut boxes = suppress(boxes, self.nms_iou);
-        boxes.truncate(MAX_BOXES);
-        boxes
+        self.find_candidates(maps.class_logits, threshold);
+        self.suppression.clear();
+        for candidate in &self.candidates {
+            if let Some(found) = self.decode_candidate(candidate, maps)
+                && self.suppression.add(found).is_full()
+            {
+                break;
+            }
+        }
+        self.suppression.kept().to_vec()
     }
 
-    /// The box of one anchor in one cell; `None` where the network's numbers are not finite.
-    fn decode_slot(&self, slot: usize, maps: HeadMaps<'_>) -> Option<Detection3d> {
-        let anchor = &self.anchors[slot % self.anchors.len()];
-        let cell = slot / self.anchors.len();
-        let deltas: [f64; 7] =
-            std::array::from_fn(|index| f64::from(maps.box_deltas[7 * slot + index]));
+    /// The surest anchors with at least the logit `threshold`, the best first.
+    fn find_candidates(&mut self, class_logits: &[f32], threshold: f32) {
+        let candidates = &mut self.candidates;
+        candidates.clear();
+        let cells = self.rows * self.columns;
+        for (anchor, logits) in class_logits.chunks_exact(cells).enumerate() {
+            for (chunk, logits) in logits.chunks(CHUNK).enumerate() {
+                if !logits
+                    .iter()
+                    .fold(false, |any, logit| any | (*logit >= threshold))
+                {
+                    continue;
+                }
+                let cells = (CHUNK * chunk..).zip(logits);
+                let sure = cells.filter(|(_, logit)| **logit >= threshold);
+                candidates.extend(sure.map(|(cell, &logit)| Candidate {
+                    logit,
+                    cell,
+                    anchor,
+                }));
+            }
+        }
+        let best_first = |a: &Candidate, b: &Candidate| {
+            let place = |of: &Candidate| (of.cell, of.anchor);
+            b.logit
+                .total_cmp(&a.logit)
+                .then_with(|| place(a).cmp(&place(b)))
+        };
+        if candidates.len() > MAX_CANDIDATES {
+            candidates.select_nth_unstable_by(MAX_CANDIDATES, best_first);
+            candidates.truncate(MAX_CANDIDATES);
+        }
+        candidates.sort_unstable_by(best_first);
+    }
+
+    /// The box of a candidate; `None` where the network's numbers are not finite.
+    fn decode_candidate(&self, candidate: &Candidate, maps: HeadMaps<'_>) -> Option<Detection3d> {
+        let Candidate {
+            logit,
+            cell,
+            anchor: index,
+        } = *candidate;
+        let anchor = &self.anchors[index];
+        let cells = self.rows * self.columns;
+        let delta = |number: usize| f64::from(maps.box_deltas[(7 * index + number) * cells + cell]);
+        let deltas: [f64; 7] = std::array::from_fn(delta);
         if !deltas.iter().all(|delta| delta.is_finite()) {
             return None;
         }
+        let [ahead, behind] =
+            [0, 1].map(|half| maps.direction_logits[(2 * index + half) * cells + cell]);
         let center = |axis: usize, index: usize| self.origin_m[axis] + index as f64 * self.cell_m;
         let diagonal = anchor.size_m.x.hypot(anchor.size_m.y);
         let grown = |axis: usize| {
             anchor.size_m[axis] * deltas[3 + axis].clamp(-MAX_LOG_SIZE, MAX_LOG_SIZE).exp()
         };
         let half = (anchor.yaw_rad + deltas[6] + FRAC_PI_2).rem_euclid(PI) - FRAC_PI_2;
-        let reversed = maps.direction_logits[2 * slot + 1] > maps.direction_logits[2 * slot];
         Some(Detection3d {
             center_m: Vector3::new(
                 center(0, cell % self.columns) + deltas[0] * diagonal,
@@ -101,9 +150,9 @@ impl BoxDecoder {
                 anchor.center_z_m + deltas[2] * anchor.size_m.z,
             ),
             size_m: Vector3::new(grown(0), grown(1), grown(2)),
-            yaw_rad: wrap_angle(if reversed { half + PI } else { half }),
+            yaw_rad: wrap_angle(if behind > ahead { half + PI } else { half }),
             class: anchor.class,
-            score: 1.0 / (1.0 + (-f64::from(maps.class_logits[slot])).exp()),
+            score: 1.0 / (1.0 + (-f64::from(logit)).exp()),
         })
     }
 }
@@ -138,7 +187,7 @@ mod tests {
 
     /// Maps of the 8x16 cells of `spec`, empty but for what `set` puts in.
     fn decode(set: impl Fn(&mut [f32], &mut [f32], &mut [f32])) -> Vec<Detection3d> {
-        let slots = 8 * 16 * 4;
+        let slots = CELLS * 4;
         let mut class_logits = vec![-9.0; slots];
         let mut box_deltas = vec![0.0; 7 * slots];
         let mut direction_logits = vec![0.0; 2 * slots];
@@ -151,17 +200,23 @@ mod tests {
         BoxDecoder::new(&spec()).decode(maps, 0.5)
     }
 
-    fn slot(ix: usize, iy: usize, anchor: usize) -> usize {
-        (iy * 16 + ix) * 4 + anchor
+    const CELLS: usize = 8 * 16;
+
+    /// Place of one of the `numbers` numbers of an anchor.
+    fn slot([ix, iy]: [usize; 2], anchor: usize, [number, numbers]: [usize; 2]) -> usize {
+        (anchor * numbers + number) * CELLS + iy * 16 + ix
     }
 
     #[test]
     fn a_hand_made_map_gives_its_box() {
-        let at = slot(10, 2, 1);
+        let cell = [10, 2];
         let boxes = decode(|class, deltas, direction| {
-            class[at] = 3f32.ln();
-            deltas[7 * at..][..7].copy_from_slice(&[0.1, -0.2, 0.5, 2f32.ln(), 0.0, -0.5, 0.3]);
-            direction[2 * at + 1] = 1.0;
+            class[slot(cell, 1, [0, 1])] = 3f32.ln();
+            let numbers = [0.1, -0.2, 0.5, 2f32.ln(), 0.0, -0.5, 0.3];
+            for (number, value) in numbers.into_iter().enumerate() {
+                deltas[slot(cell, 1, [number, 7])] = value;
+            }
+            direction[slot(cell, 1, [1, 2])] = 1.0;
         });
         let [found] = boxes[..] else {
             panic!("one box, not {boxes:?}");
@@ -182,7 +237,7 @@ mod tests {
 
     #[test]
     fn a_truck_at_yaw_zero_is_the_third_anchor() {
-        let boxes = decode(|class, _, _| class[slot(0, 0, 2)] = 5.0);
+        let boxes = decode(|class, _, _| class[slot([0, 0], 2, [0, 1])] = 5.0);
         assert_eq!(boxes.len(), 1);
         assert_eq!(boxes[0].class, ObjectClass::Truck);
         assert!((boxes[0].center_m - Vector3::new(-7.5, -3.5, -0.45)).norm() < 1e-6);
@@ -192,9 +247,9 @@ mod tests {
     #[test]
     fn numbers_that_are_not_finite_make_no_box() {
         let boxes = decode(|class, deltas, _| {
-            class[slot(1, 1, 0)] = f32::NAN;
-            class[slot(9, 1, 0)] = 9.0;
-            deltas[7 * slot(9, 1, 0)] = f32::INFINITY;
+            class[slot([1, 1], 0, [0, 1])] = f32::NAN;
+            class[slot([9, 1], 0, [0, 1])] = 9.0;
+            deltas[slot([9, 1], 0, [0, 7])] = f32::INFINITY;
         });
         assert!(boxes.is_empty(), "{boxes:?}");
     }
@@ -205,7 +260,7 @@ mod tests {
             class.fill(9.0);
             deltas.fill(1e30);
         });
-        assert!(boxes.len() <= MAX_CANDIDATES);
+        assert!(boxes.len() <= MAX_BOXES);
         assert!(
             boxes
                 .iter()

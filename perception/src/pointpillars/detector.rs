@@ -87,16 +87,39 @@ impl Detector {
         sweep: &PointCloud,
         least_score: f64,
     ) -> Result<Vec<Detection3d>, PerceiveError> {
-        check(sweep)?;
-        let pillars = self.grid.apply(sweep);
-        if pillars.coords.is_empty() {
+        if !self.prepare(sweep)? {
             return Ok(Vec::new());
         }
+        self.infer()?;
+        Ok(self.decode(least_score))
+    }
+
+    /// Puts a sweep onto the network's canvas; whether any of it is in range.
+    ///
+    /// # Errors
+    /// The sweep is not valid.
+    pub(crate) fn prepare(&mut self, sweep: &PointCloud) -> Result<bool, PerceiveError> {
+        check(sweep)?;
+        let pillars = self.grid.apply(sweep);
+        self.network.paint(pillars);
+        Ok(!pillars.cells.is_empty())
+    }
+
+    /// Runs the network on the canvas.
+    ///
+    /// # Errors
+    /// ONNX Runtime fails.
+    pub(crate) fn infer(&mut self) -> Result<(), PerceiveError> {
         self.network
-            .run(pillars, |maps| self.decoder.decode(maps, least_score))
+            .run()
             .map_err(|error| PerceiveError::Inference {
                 model: self.id.clone(),
                 reason: one_line(&error.to_string()),
             })
+    }
+
+    /// The boxes in the maps of the last run.
+    pub(crate) fn decode(&mut self, least_score: f64) -> Vec<Detection3d> {
+        self.decoder.decode(self.network.maps(), least_score)
     }
 }

@@ -5,25 +5,65 @@ use std::cmp::Ordering;
 use covista_world::Detection3d;
 use nalgebra::Vector2;
 
-/// Boxes, best first, without those whose BEV IoU with a better one is above `max_iou`, whatever
-/// their classes: two vehicles never share their ground.
-pub fn suppress(mut boxes: Vec<Detection3d>, max_iou: f64) -> Vec<Detection3d> {
-    boxes.sort_by(|a, b| b.score.total_cmp(&a.score));
-    let mut kept: Vec<Detection3d> = Vec::new();
-    for candidate in boxes {
-        if kept
-            .iter()
-            .all(|better| bev_iou(better, &candidate) <= max_iou)
-        {
-            kept.push(candidate);
+/// Non-maximum suppression: boxes are added, the best first; one whose BEV IoU with a better one is
+/// too great is dropped, whatever their classes: two vehicles never share their ground.
+#[derive(Debug)]
+pub struct Suppression {
+    max_iou: f64,
+    max_boxes: usize,
+    kept: Vec<Detection3d>,
+    footprints: Vec<[Vector2<f64>; 4]>,
+}
+
+impl Suppression {
+    /// Boxes that overlap by more than `max_iou` suppress each other; at most `max_boxes` are kept.
+    pub fn new(max_iou: f64, max_boxes: usize) -> Self {
+        Self {
+            max_iou,
+            max_boxes,
+            kept: Vec::new(),
+            footprints: Vec::new(),
         }
     }
-    kept
+
+    /// Forgets all boxes.
+    pub fn clear(&mut self) {
+        self.kept.clear();
+        self.footprints.clear();
+    }
+
+    /// Keeps a box unless there is no room for it or one that was added before overlaps it.
+    pub fn add(&mut self, candidate: Detection3d) -> &Self {
+        let ground = footprint(&candidate);
+        let mut kept = self.kept.iter().zip(&self.footprints);
+        let overlaps = |(better, of_better): (&Detection3d, &[Vector2<f64>; 4])| {
+            are_close(better, &candidate)
+                && over_union(
+                    intersection_m2(of_better, &ground),
+                    area_m2(better),
+                    area_m2(&candidate),
+                ) > self.max_iou
+        };
+        if !self.is_full() && !kept.any(overlaps) {
+            self.kept.push(candidate);
+            self.footprints.push(ground);
+        }
+        self
+    }
+
+    /// Whether no more boxes are kept.
+    pub fn is_full(&self) -> bool {
+        self.kept.len() >= self.max_boxes
+    }
+
+    /// The boxes that are left, in the order in which they were added.
+    pub fn kept(&self) -> &[Detection3d] {
+        &self.kept
+    }
 }
 
 /// Intersection over union of the boxes' footprints, in [0, 1].
 pub fn bev_iou(a: &Detection3d, b: &Detection3d) -> f64 {
-    let area_m2 = |of: &Detection3d| of.size_m.x * of.size_m.y;
     over_union(shared_ground_m2(a, b), area_m2(a), area_m2(b))
 }
 
@@ -39,6 +79,11 @@ pub fn iou_3d(a: &Detection3d, b: &Detection3d) -> f64 {
     over_union(shared_m3, a.size_m.product(), b.size_m.product())
 }
 
+/// Area of the footprint.
+fn area_m2(of: &Detection3d) -> f64 {
+    of.size_m.x * of.size_m.y
+}
+
 /// `shared` over what `a` and `b` cover together.
 fn over_union(shared: f64, a: f64, b: f64) -> f64 {
     if shared > 0.0 {
@@ -50,12 +95,17 @@ fn over_union(shared: f64, a: f64, b: f64) -> f64 {
 
 /// Area of the ground under both boxes; 0 where a number is not finite.
 fn shared_ground_m2(a: &Detection3d, b: &Detection3d) -> f64 {
-    let reach = (a.size_m.xy().norm() + b.size_m.xy().norm()) / 2.0;
-    let apart = (a.center_m.xy() - b.center_m.xy()).norm();
-    if apart.partial_cmp(&reach) != Some(Ordering::Less) {
-        return 0.0;
+    if are_close(a, b) {
+        intersection_m2(&footprint(a), &footprint(b))
+    } else {
+        0.0
     }
-    intersection_m2(&footprint(a), &footprint(b))
+}
+
+/// Whether the circles about the footprints overlap; never where a number is not finite.
+fn are_close(a: &Detection3d, b: &Detection3d) -> bool {
+    let reach = (a.size_m.xy().norm() + b.size_m.xy().norm()) / 2.0;
+    (a.center_m.xy() - b.center_m.xy()).norm() < reach
 }
 
 /// Corners of a box seen from above, counter-clockwise.
@@ -72,17 +122,45 @@ fn footprint(of: &Detection3d) -> [Vector2<f64>; 4] {
     ]
 }
 
+/// A polygon of few corners that needs no heap.
+struct Polygon {
+    corners: [Vector2<f64>; 16],
+    count: usize,
+}
+
+impl Polygon {
+    fn new(corners: &[Vector2<f64>]) -> Self {
+        let mut polygon = Self {
+            corners: [Vector2::zeros(); 16],
+            count: 0,
+        };
+        corners.iter().for_each(|corner| polygon.push(*corner));
+        polygon
+    }
+
+    /// Four cuts of a rectangle leave eight corners, with rounding errors twelve at most.
+    fn push(&mut self, corner: Vector2<f64>) {
+        if let Some(place) = self.corners.get_mut(self.count) {
+            *place = corner;
+            self.count += 1;
+        }
+    }
+
+    /// Each side's ends, counter-clockwise.
+    fn sides(&self) -> impl Iterator<Item = (&Vector2<f64>, &Vector2<f64>)> {
+        let corners = &self.corners[..self.count];
+        corners.iter().zip(corners.iter().cycle().skip(1))
+    }
+}
+
 /// Area shared by two counter-clockwise rectangles: Sutherland-Hodgman clipping of one by the
 /// sides of the other.
 fn intersection_m2(subject: &[Vector2<f64>; 4], clip: &[Vector2<f64>; 4]) -> f64 {
-    let mut polygon = subject.to_vec();
-    let mut clipped = Vec::with_capacity(8);
-    for i in 0..4 {
-        let (from, side) = (clip[i], clip[(i + 1) % 4] - clip[i]);
-        let depth = |point: &Vector2<f64>| side.perp(&(point - from));
-        clipped.clear();
-        for (j, point) in polygon.iter().enumerate() {
-            let next = &polygon[(j + 1) % polygon.len()];
+    let mut polygon = Polygon::new(subject);
+    for (from, to) in Polygon::new(clip).sides() {
+        let depth = |point: &Vector2<f64>| (to - from).perp(&(point - from));
+        let mut clipped = Polygon::new(&[]);
+        for (point, next) in polygon.sides() {
             let (here, there) = (depth(point), depth(next));
             if here >= 0.0 {
                 clipped.push(*point);
@@ -91,11 +169,9 @@ fn intersection_m2(subject: &[Vector2<f64>; 4], clip: &[Vector2<f64>; 4]) -> f64
                 clipped.push(point + (next - point) * (here / (here - there)));
             }
         }
-        std::mem::swap(&mut polygon, &mut clipped);
+        polygon = clipped;
     }
-    let twice: f64 = (0..polygon.len())
-        .map(|i| polygon[i].perp(&polygon[(i + 1) % polygon.len()]))
-        .sum();
+    let twice: f64 = polygon.sides().map(|(a, b)| a.perp(b)).sum();
     twice.max(0.0) / 2.0
 }
 
@@ -147,13 +223,21 @@ mod tests {
 
     #[test]
     fn the_better_of_two_that_overlap_survives() {
-        let boxes = vec![
-            rectangle(0.5, 0.0, 4.0, 2.0, 0.0, 0.6),
+        let boxes = [
             rectangle(0.0, 0.0, 4.0, 2.0, 0.1, 0.9),
+            rectangle(0.5, 0.0, 4.0, 2.0, 0.0, 0.6),
             rectangle(0.0, 3.5, 4.0, 2.0, 0.0, 0.3),
         ];
-        let kept: Vec<_> = suppress(boxes, 0.2).iter().map(|kept| kept.score).collect();
-        assert_eq!(kept, [0.9, 0.3]);
+        let kept = |max_boxes: usize| {
+            let mut suppression = Suppression::new(0.2, max_boxes);
+            for candidate in &boxes {
+                suppression.add(*candidate);
+            }
+            let scores = suppression.kept().iter().map(|kept| kept.score);
+            scores.collect::<Vec<_>>()
+        };
+        assert_eq!(kept(9), [0.9, 0.3]);
+        assert_eq!(kept(1), [0.9]);
     }
 
     #[test]

@@ -45,7 +45,9 @@ struct VehicleDescription {
     /// Length, width, height.
     size_m: Vector3<f64>,
     yaw_rad: f64,
-    lidar_points: usize,
+    /// Where the frame has a sweep.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    lidar_points: Option<usize>,
     /// Share of the body in line of sight of the LIDAR.
     visibility: f64,
 }
@@ -57,6 +59,7 @@ impl SceneDescription {
         rig: &Rig,
         truth: &[TruthBox],
         marks: &MarkTruth,
+        is_swept: bool,
     ) -> Self {
         let look = &view.scene.look;
         let road = &view.scene.road;
@@ -76,7 +79,7 @@ impl SceneDescription {
                 center_m: truth.center_m,
                 size_m: truth.size_m,
                 yaw_rad: truth.yaw_rad,
-                lidar_points: truth.lidar_points,
+                lidar_points: is_swept.then_some(truth.lidar_points),
                 visibility: truth.visibility,
             })
         });

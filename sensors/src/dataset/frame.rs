@@ -17,7 +17,8 @@ use super::{DatasetSpec, Split};
 use crate::dataset::description::SceneDescription;
 use crate::kitti::{KittiLabel, calibration_text, cloud_bytes};
 use crate::{
-    Lidar, RayScene, Viewpoint, sample_rig, take_picture, true_marks, truth_boxes, tusimple_line,
+    LabelledCloud, Lidar, RayScene, Viewpoint, sample_rig, take_picture, true_marks, truth_boxes,
+    tusimple_line,
 };
 
 pub(super) const LANES_FOLDER: &str = "lanes";
@@ -93,7 +94,11 @@ impl<'a> FrameMaker<'a> {
         let view = Viewpoint::new(&scene, &rays, ego, calibration)
             .ok_or("the scene lacks its own vehicle")
             .map_err(encoding(frame))?;
-        let swept = lidar.sweep_labelled(&view, self.lidar_seed ^ frame);
+        let swept = if self.spec.has_sweeps() {
+            lidar.sweep_labelled(&view, self.lidar_seed ^ frame)
+        } else {
+            LabelledCloud::default()
+        };
         let image = take_picture(&view, &rig.camera, self.camera_seed ^ frame);
         let truth = truth_boxes(&view, &swept);
         let marks = true_marks(&view);
@@ -143,7 +148,7 @@ impl<'a> FrameMaker<'a> {
             frame,
             seed: self.spec.seed,
             split: self.spec.split,
-            scene: SceneDescription::new(&view, kind, &rig, &truth, &marks),
+            scene: SceneDescription::new(&view, kind, &rig, &truth, &marks, self.spec.has_sweeps()),
             files: files
                 .iter()
                 .map(|file| (file.path.as_str(), sha256_hex(&file.content)))

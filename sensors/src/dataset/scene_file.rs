@@ -28,7 +28,7 @@ pub struct SceneFile {
 pub struct RecordedVehicle {
     /// As it truly is.
     pub seen: SeenVehicle,
-    /// Returns of the LIDAR from it.
+    /// Returns of the LIDAR from it; 0 in a frame without a sweep.
     pub lidar_points: usize,
 }
 
@@ -50,6 +50,7 @@ struct Vehicle {
     size_m: [f64; 3],
     yaw_rad: f64,
     visibility: f64,
+    #[serde(default)]
     lidar_points: usize,
 }
 

@@ -180,6 +180,11 @@ impl DatasetSpec {
         self.formats.contains(&Format::Kitti) || self.has_mcap()
     }
 
+    /// Whether a file needs the LIDAR: TuSimple's layout alone does without.
+    pub(super) fn has_sweeps(&self) -> bool {
+        self.has_kitti() || self.truth.contains(&TruthFile::Points)
+    }
+
     pub(super) fn has_tusimple(&self) -> bool {
         self.formats.contains(&Format::TuSimple)
     }

@@ -293,3 +293,24 @@ fn truth_of_points_and_pixels_is_written_on_request() {
         assert!((2 * 256..30 * 256).contains(&depth[(600, 374)][0]));
     }
 }
+
+#[test]
+fn pictures_alone_are_the_same_and_need_no_sweep() {
+    let root = tempfile::tempdir().expect("a folder");
+    let [whole, pictures] = ["whole", "pictures"].map(|name| root.path().join(name));
+    write_dataset(&spec(&whole), go_on).expect("a data set");
+    let formats = [Format::TuSimple].into();
+    let alone = DatasetSpec {
+        formats,
+        ..spec(&pictures)
+    };
+    write_dataset(&alone, go_on).expect("a data set");
+    let read = |root: &Path, name: &str| std::fs::read(root.join(name)).expect("a file");
+    for name in ["image_2/000001.png", "lanes/000001.json"] {
+        assert_eq!(read(&whole, name), read(&pictures, name), "{name}");
+    }
+    assert!(!pictures.join("velodyne").exists());
+    let scene = crate::read_scene(&pictures.join("scenes/000001.json")).expect("a record");
+    assert!(!scene.vehicles.is_empty());
+    assert!(scene.vehicles.iter().all(|of| of.lidar_points == 0));
+}
