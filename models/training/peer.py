@@ -77,59 +77,59 @@ def open_pytorch(card: Card, threads: int) -> tuple[np.ndarray, Callable[[], lis
     import onnx
     import torch
     from onnx import helper, numpy_helper
-    from torch.nn import functional as F
 
     torch.set_num_threads(threads)
     model = onnx.load(card.file)
-    values = {t.name: torch.from_numpy(numpy_helper.to_array(t).copy()) for t in model.graph.initializer}
     image = np.zeros(card.input_shape, np.float32)
-    steps: list[tuple[str, list[str], Callable]] = []
-
-    def convolution(function: Callable, a: dict) -> Callable:
-        pads, strides = a.get("pads", [0, 0, 0, 0]), a.get("strides", [1, 1])
-        if pads[:2] != pads[2:]:
-            raise ValueError("padding that differs from side to side")
-        return lambda x, w, b=None: function(x, w, b, stride=strides, padding=pads[:2], groups=a.get("group", 1))
-
-    def pooling(a: dict) -> Callable:
-        return lambda x: F.max_pool2d(x, a["kernel_shape"], a["strides"], a["pads"][:2])
-
-    def of(op: str, a: dict) -> Callable:
-        return {
-            "Relu": lambda: torch.relu,
-            "Add": lambda: torch.add,
-            "Conv": lambda: convolution(F.conv2d, a),
-            "ConvTranspose": lambda: convolution(F.conv_transpose2d, a),
-            "MaxPool": lambda: pooling(a),
-            "Flatten": lambda: lambda x: torch.flatten(x, a.get("axis", 1)),
-            "Gemm": lambda: lambda x, w, b=None: F.linear(x, w if a.get("transB") else w.T, b),
-            "Reshape": lambda: lambda x, shape: x.reshape(shape.tolist()),
-            "Concat": lambda: lambda *x: torch.cat(x, a["axis"]),
-        }[op]()
-
+    values = {t.name: torch.from_numpy(numpy_helper.to_array(t).copy()) for t in model.graph.initializer}
+    known, steps = set(values), []
     for node in model.graph.node:
         attributes = {a.name: helper.get_attribute_value(a) for a in node.attribute}
-        [output] = node.output
-        if node.op_type == "Constant":
-            values[output] = torch.from_numpy(numpy_helper.to_array(attributes["value"]).copy())
-        elif node.op_type == "Cast" and node.input[0] in values:
-            values[output] = values[node.input[0]].float()
-        elif node.op_type == "Identity" and node.input[0] in values:
-            values[output] = values[node.input[0]]
+        step = torch_operator(node.op_type, attributes)
+        if known.issuperset(node.input):  # of constants alone: once, here
+            known.update(node.output)
+            values.update(zip(node.output, step(*(values[name] for name in node.input))))
         else:
-            try:
-                steps.append((output, list(node.input), of(node.op_type, attributes)))
-            except KeyError as missing:
-                raise ValueError(f"{missing} is no operator that this peer rebuilds") from missing
+            steps.append((list(node.input), list(node.output), step))
 
     def run() -> list:
         with torch.inference_mode():
             values[card.input_name] = torch.from_numpy(image)
-            for output, inputs, step in steps:
-                values[output] = step(*(values[name] for name in inputs))
+            for inputs, outputs, step in steps:
+                values.update(zip(outputs, step(*(values[name] for name in inputs))))
             return [values[name].numpy() for name, _ in card.outputs]
 
     return image, run, {p.key: p.value for p in model.metadata_props}
+
+
+def torch_operator(op: str, a: dict) -> Callable[..., tuple]:
+    """An operator of ONNX with its attributes, as a function from tensors to a tuple of tensors."""
+    import torch
+    from onnx import numpy_helper
+    from torch.nn import functional as F
+
+    pads, strides = a.get("pads", [0, 0, 0, 0]), a.get("strides", [1, 1])
+    if pads[:2] != pads[2:]:
+        raise ValueError(f"this peer does not rebuild the padding {pads}")
+    how = {"stride": strides, "padding": pads[:2]}
+    operators = {
+        "Constant": lambda: (torch.from_numpy(numpy_helper.to_array(a["value"]).copy()),),
+        "Cast": lambda x: (x.float(),),
+        "Identity": lambda x: (x,),
+        "Relu": lambda x: (torch.relu(x),),
+        "Add": lambda x, y: (x + y,),
+        "Conv": lambda x, w, b=None: (F.conv2d(x, w, b, groups=a.get("group", 1), **how),),
+        "ConvTranspose": lambda x, w, b=None: (F.conv_transpose2d(x, w, b, **how),),
+        "MaxPool": lambda x: (F.max_pool2d(x, a["kernel_shape"], strides, pads[:2]),),
+        "Flatten": lambda x: (torch.flatten(x, a.get("axis", 1)),),
+        "Gemm": lambda x, w, b=None: (F.linear(x, w if a.get("transB") else w.T, b),),
+        "Reshape": lambda x, shape: (x.reshape(shape.tolist()),),
+        "Concat": lambda *x: (torch.cat(x, a["axis"]),),
+        "Split": lambda x, sizes: x.split(sizes.tolist(), a.get("axis", 0)),
+    }
+    if op not in operators:
+        raise ValueError(f"this peer does not rebuild the operator {op}")
+    return operators[op]
 
 
 # What surrounds the detector.

@@ -99,6 +99,8 @@ pub struct BenchNetwork {
 enum Kind {
     Detector {
         detector: Box<Detector>,
+        /// Of its grid.
+        cells: usize,
         looks_ahead: bool,
     },
     Lanes(Box<LaneFinder>),
@@ -130,10 +132,12 @@ impl BenchNetwork {
         settings: SessionSettings,
     ) -> Result<Self, ModelError> {
         let card = find_model(models, id)?;
-        let kind = match card.network {
-            Network::PointPillars(_) => {
+        let kind = match &card.network {
+            Network::PointPillars(spec) => {
                 let detector = Detector::open(runtime, models, id, settings)?;
+                let [nx, ny] = spec.grid();
                 Kind::Detector {
+                    cells: nx * ny,
                     looks_ahead: detector.range_m()[0] >= 0.0,
                     detector: Box::new(detector),
                 }
@@ -211,11 +215,10 @@ impl BenchNetwork {
     /// The frame is refused.
     pub fn input(&mut self, frame: &BenchFrame) -> Result<BenchInput, PerceiveError> {
         self.prepare(frame)?;
-        Ok(match &self.kind {
-            Kind::Detector { detector, .. } => {
-                let [nx, ny] = detector.grid();
-                occupied(detector.canvas(), nx * ny)
-            }
+        Ok(match &mut self.kind {
+            Kind::Detector {
+                detector, cells, ..
+            } => occupied(detector.canvas(), *cells),
             Kind::Lanes(lanes) => BenchInput::Image(lanes.input().to_vec()),
         })
     }
@@ -225,8 +228,9 @@ impl BenchNetwork {
             Kind::Detector {
                 detector,
                 looks_ahead: true,
-            } => detector.prepare(&frame.ahead),
-            Kind::Detector { detector, .. } => detector.prepare(&frame.measured.points),
+                ..
+            } => detector.prepare(&frame.ahead).map(drop),
+            Kind::Detector { detector, .. } => detector.prepare(&frame.measured.points).map(drop),
             Kind::Lanes(lanes) => lanes.prepare(&frame.measured.image),
         }
     }

@@ -396,15 +396,12 @@ pub(super) fn file_table(rows: &[Row]) -> String {
         "frames",
         "measure",
     ];
-    let mut seen: Vec<&str> = Vec::new();
-    let mut first = |row: &&Row| {
-        let is_first = row.sha256.is_some() && !seen.contains(&row.model.as_str());
-        seen.push(row.model.as_str());
-        is_first
+    let is_first = |(index, row): &(usize, &Row)| {
+        row.sha256.is_some() && rows[..*index].iter().all(|other| other.model != row.model)
     };
-    let files: Vec<&Row> = rows.iter().filter(|row| first(row)).collect();
+    let files = rows.iter().enumerate().filter(is_first);
     let count = |value: Option<u64>| value.map_or("-".to_owned(), |value| value.to_string());
-    let cells = files.into_iter().map(|row| {
+    let cells = files.map(|(_, row)| {
         vec![
             row.model.clone(),
             optional(row.gmac, 2),
