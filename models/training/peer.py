@@ -30,7 +30,7 @@ from typing import Callable
 
 import numpy as np
 
-WINDOW_CELLS = 4
+WINDOW_CELLS, SEEN_FROM = 4, 0.4
 MAX_CANDIDATES, MAX_BOXES, MAX_LOG_SIZE = 1000, 100, 1.0
 
 
@@ -263,7 +263,9 @@ def marks(logits: np.ndarray, spec: dict) -> np.ndarray:
     """u in pixels [rows, marks], NaN where a mark is not seen."""
     logits, cells = logits[0].astype(np.float64), spec["grid_cells"]
     weight = np.exp(logits - logits[:cells].max(0))
-    seen = weight[:cells].sum(0) > weight[cells]
+    likely = weight[:cells].sum(0) / weight.sum(0)
+    surest = likely.max(0)
+    seen = (surest > 0.5) & (likely > SEEN_FROM * surest)
     index = np.arange(cells)[:, None, None]
     window = np.abs(index - logits[:cells].argmax(0)) <= WINDOW_CELLS
     near = weight[:cells] * window
