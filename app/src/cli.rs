@@ -1,4 +1,4 @@
-use std::path::PathBuf;
+use std::{num::NonZeroUsize, path::PathBuf};
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use covista_perception::{Provider, ProviderChoice};
@@ -291,21 +291,67 @@ pub struct RecordedArgs {
     pub json: Option<PathBuf>,
 }
 
-/// What to time.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum BenchWhat {
-    /// Rays, LIDAR sweeps and pictures, against the number of vehicles and rays
-    Sensors,
-}
-
 #[derive(Debug, Args)]
 pub struct BenchArgs {
     /// What to time
-    #[arg(value_enum)]
+    #[command(subcommand)]
     pub what: BenchWhat,
+}
+
+/// What to time.
+#[derive(Debug, Subcommand)]
+pub enum BenchWhat {
+    /// Rays, LIDAR sweeps and pictures, against the number of vehicles and rays
+    Sensors(SensorBenchArgs),
+    /// The networks, alone and end to end, against their accuracy
+    Perception(PerceptionBenchArgs),
+}
+
+#[derive(Debug, Args)]
+pub struct SensorBenchArgs {
     /// Write the rows as JSON
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub struct PerceptionBenchArgs {
+    /// A network's name, as `covista models list` shows it; may be repeated [default: all of them]
+    #[arg(long, value_name = "ID")]
+    pub model: Vec<String>,
+    /// cpu, openvino, cuda or auto, the fastest there is; may be repeated [default: cpu and auto]
+    #[arg(long, value_name = "NAME")]
+    pub provider: Vec<ProviderChoice>,
+    /// Threads of each network [default: one a core]
+    #[arg(long, value_name = "N")]
+    pub threads: Option<NonZeroUsize>,
+    /// Frames that count, of each network
+    #[arg(long, value_name = "N", default_value = "100")]
+    pub repetitions: NonZeroUsize,
+    /// Folder in KITTI's layout with pictures and sweeps [default: frames rendered at the start]
+    #[arg(long, value_name = "DIR")]
+    pub data: Option<PathBuf>,
+    /// Run the same networks in Python, too, turn by turn; may be repeated
+    #[arg(long, value_enum, value_name = "WHAT")]
+    pub against: Vec<PeerArg>,
+    /// Folder of the networks
+    #[arg(long, value_name = "DIR")]
+    pub models: Option<PathBuf>,
+    /// Write the rows as JSON
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Draw accuracy against images/s
+    #[arg(long, value_name = "FILE.png")]
+    pub plot: Option<PathBuf>,
+}
+
+/// What else runs the networks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum PeerArg {
+    /// ONNX Runtime's Python package with NumPy around it
+    OnnxruntimePython,
+    /// PyTorch in eager mode with NumPy around it
+    Pytorch,
 }
 
 #[derive(Debug, Args)]
