@@ -238,10 +238,10 @@ impl OnnxRuntime {
             .with_intra_op_spinning(false)?;
         // ort lets ONNX Runtime choose among all that is loaded unless a device is named. Its own
         // `ep::CPU` names none: with OpenVINO loaded, OpenVINO would compute.
-        let on = |builder: SessionBuilder, name: &str, options: &[(String, String)]| {
+        let on = |builder: SessionBuilder, name, options: &[_]| -> ort::Result<SessionBuilder> {
             let device = self.processor(name);
             let device = device.ok_or_else(|| ort::Error::new("it was not loaded"))?;
-            ort::Result::Ok(builder.with_devices([device], Some(options))?)
+            Ok(builder.with_devices([device], Some(options))?)
         };
         let mut builder = match provider {
             Provider::Cpu => on(builder, ep::CPU::NAME, &[])?,
