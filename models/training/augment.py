@@ -109,16 +109,16 @@ def cut_to_view(columns: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def road(
-    image: np.ndarray, marks: np.ndarray, rng: np.random.Generator
+    image: np.ndarray, marks: np.ndarray, rng: np.random.Generator, elsewhere: float = 0.6
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The image [288, 800, 3] and marks [28, 4] of another camera in another light."""
+    """The image [288, 800, 3] and marks [28, 4] in another light, `elsewhere` of them of another camera."""
     if rng.random() < 0.5:
         image = np.ascontiguousarray(image[:, ::-1])
         marks = lanes.IMAGE_WIDTH_PX - 1 - marks[:, ::-1]
     picture = Image.fromarray(image)
     wide = rng.random()
-    if wide < 0.6:
-        picture, marks = look_from_elsewhere(picture, marks, 1.0 if wide < 0.2 else 0.4, rng)
+    if wide < elsewhere:
+        picture, marks = look_from_elsewhere(picture, marks, 1.0 if wide < elsewhere / 3 else 0.4, rng)
     if rng.random() < 0.1:
         add_bonnet(picture, rng)
     inside = (marks >= 0) & (marks < lanes.IMAGE_WIDTH_PX)

@@ -131,10 +131,10 @@ def count_inside(points: np.ndarray, box: np.ndarray, margin_m: float = 0.1) -> 
 
 
 class LaneDataset(Dataset):
-    """Images and marks; augmented when training."""
+    """Images and marks; augmented when training, `elsewhere` of them as another camera sees them."""
 
-    def __init__(self, root: Path, augmented: bool) -> None:
-        self.root, self.augmented = root, augmented
+    def __init__(self, root: Path, augmented: bool, elsewhere: float = 0.6) -> None:
+        self.root, self.augmented, self.elsewhere = root, augmented, elsewhere
         self.frames = complete_frames(root)
 
     def __len__(self) -> int:
@@ -148,7 +148,7 @@ class LaneDataset(Dataset):
         index, seed = item
         image, marks = read_image(self.root, self.frames[index]), read_marks(self.root, self.frames[index])
         if self.augmented:
-            image, marks = augment.road(image, marks, np.random.default_rng(seed))
+            image, marks = augment.road(image, marks, np.random.default_rng(seed), self.elsewhere)
         return {
             "image": image,
             "marks": marks,

@@ -32,7 +32,7 @@ from train import TASKS
 
 OPSET = 17
 LANES_ID = "ufld-resnet18"
-LANE_OPTIONS = ("batch", "learning_rate", "admm_steps", "freeze_low", "no_auxiliary")  # on the card, if given
+LANE_OPTIONS = ("batch", "learning_rate", "admm_steps", "freeze_low", "no_auxiliary", "elsewhere")  # on the card, if given
 LANES_DESCRIPTION = (
     "UFLD row-anchor lane network on a half-width ResNet-18: the road's four marks, from the left edge line."
 )

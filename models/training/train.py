@@ -158,6 +158,7 @@ def main() -> None:
     parser.add_argument("--no-augment", action="store_true")
     parser.add_argument("--freeze-low", action="store_true", help="lanes: stem and first stage as they are, faster")
     parser.add_argument("--no-auxiliary", action="store_true", help="lanes: without the segmentation head")
+    parser.add_argument("--elsewhere", type=float, help="lanes: part of the frames seen by another camera, 0.6")
     start = parser.add_mutually_exclusive_group()
     start.add_argument("--resume", action="store_true", help="go on with the run in --out")
     start.add_argument("--from-weights", type=Path, help="begin a new run with the weights of a checkpoint or of an exported file")
@@ -192,6 +193,8 @@ def main() -> None:
     if args.no_auxiliary:
         model.auxiliary = average.auxiliary = False
     dataset = task.dataset(args.data, augmented=not args.no_augment)
+    if args.elsewhere is not None:
+        dataset.elsewhere = args.elsewhere
     batches = Batches(dataset, args.batch or task.batch, args.seed, step)
     loader = DataLoader(dataset, batch_sampler=batches, collate_fn=dataset.collate, num_workers=args.workers)
     held_out = None
