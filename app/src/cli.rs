@@ -1,6 +1,7 @@
-use std::path::PathBuf;
+use std::{num::NonZeroUsize, path::PathBuf};
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use covista_perception::{Provider, ProviderChoice};
 use covista_sensors::{Format, Split, TruthFile};
 
 /// Cooperative vision, planning and safe control of connected vehicles, on a laptop.
@@ -79,6 +80,9 @@ pub struct DemoArgs {
     /// the sources]
     #[arg(long, value_name = "DIR")]
     pub models: Option<PathBuf>,
+    /// What computes the networks
+    #[command(flatten)]
+    pub provider: ProviderArg,
     /// Write the truth as CSV, one row a vehicle every 0.1 s
     #[arg(long, value_name = "FILE")]
     pub trace: Option<PathBuf>,
@@ -99,6 +103,7 @@ impl Default for DemoArgs {
             calibration: None,
             out: None,
             models: None,
+            provider: ProviderArg::default(),
             trace: None,
             view: false,
         }
@@ -160,6 +165,23 @@ pub enum EvalWhat {
     Errors(ErrorsArgs),
 }
 
+/// What computes the networks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Args)]
+pub struct ProviderArg {
+    /// What computes the networks: cpu, openvino (fetched if need be), cuda, or auto, the fastest
+    /// of these that is on this machine
+    #[arg(long, value_name = "NAME", default_value_t = ProviderArg::default().provider)]
+    pub provider: ProviderChoice,
+}
+
+impl Default for ProviderArg {
+    fn default() -> Self {
+        Self {
+            provider: ProviderChoice::Only(Provider::Cpu),
+        }
+    }
+}
+
 /// Frames with their truth to measure the fusion on.
 #[derive(Debug, Args)]
 pub struct FusionArgs {
@@ -169,6 +191,9 @@ pub struct FusionArgs {
     /// Folder of the networks
     #[arg(long, value_name = "DIR")]
     pub models: Option<PathBuf>,
+    /// What computes the networks
+    #[command(flatten)]
+    pub provider: ProviderArg,
     /// Write the rows as JSON
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
@@ -194,6 +219,9 @@ pub struct CooperativeArgs {
     /// Folder of the networks
     #[arg(long, value_name = "DIR")]
     pub models: Option<PathBuf>,
+    /// What computes the networks
+    #[command(flatten)]
+    pub provider: ProviderArg,
     /// Write the rows as JSON
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
@@ -255,26 +283,75 @@ pub struct RecordedArgs {
     /// Folder of the networks
     #[arg(long, value_name = "DIR")]
     pub models: Option<PathBuf>,
+    /// What computes the networks
+    #[command(flatten)]
+    pub provider: ProviderArg,
     /// Write the rows as JSON
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
-}
-
-/// What to time.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum BenchWhat {
-    /// Rays, LIDAR sweeps and pictures, against the number of vehicles and rays
-    Sensors,
 }
 
 #[derive(Debug, Args)]
 pub struct BenchArgs {
     /// What to time
-    #[arg(value_enum)]
+    #[command(subcommand)]
     pub what: BenchWhat,
+}
+
+/// What to time.
+#[derive(Debug, Subcommand)]
+pub enum BenchWhat {
+    /// Rays, LIDAR sweeps and pictures, against the number of vehicles and rays
+    Sensors(SensorBenchArgs),
+    /// The networks, alone and end to end, against their accuracy
+    Perception(PerceptionBenchArgs),
+}
+
+#[derive(Debug, Args)]
+pub struct SensorBenchArgs {
     /// Write the rows as JSON
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub struct PerceptionBenchArgs {
+    /// A network's name, as `covista models list` shows it; may be repeated [default: all of them]
+    #[arg(long, value_name = "ID")]
+    pub model: Vec<String>,
+    /// cpu, openvino, cuda or auto, the fastest there is; may be repeated [default: cpu and auto]
+    #[arg(long, value_name = "NAME")]
+    pub provider: Vec<ProviderChoice>,
+    /// Threads of each network [default: one a core]
+    #[arg(long, value_name = "N")]
+    pub threads: Option<NonZeroUsize>,
+    /// Frames that count, of each network
+    #[arg(long, value_name = "N", default_value = "100")]
+    pub repetitions: NonZeroUsize,
+    /// Folder in KITTI's layout with pictures and sweeps [default: frames rendered at the start]
+    #[arg(long, value_name = "DIR")]
+    pub data: Option<PathBuf>,
+    /// Run the same networks in Python, too, turn by turn; may be repeated
+    #[arg(long, value_enum, value_name = "WHAT")]
+    pub against: Vec<PeerArg>,
+    /// Folder of the networks
+    #[arg(long, value_name = "DIR")]
+    pub models: Option<PathBuf>,
+    /// Write the rows as JSON
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Draw accuracy against images/s
+    #[arg(long, value_name = "FILE.png")]
+    pub plot: Option<PathBuf>,
+}
+
+/// What else runs the networks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum PeerArg {
+    /// ONNX Runtime's Python package with NumPy around it
+    OnnxruntimePython,
+    /// PyTorch in eager mode with NumPy around it
+    Pytorch,
 }
 
 #[derive(Debug, Args)]

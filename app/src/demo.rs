@@ -5,12 +5,13 @@ use covista_drive::{
     ChannelSettings, ControlSettings, RunConfig, RunSummary, Scenario, Senses, Snapshot,
     TRACE_HEADER, VehicleKind, run,
 };
+use covista_perception::{Perceiver, Provider};
 use covista_viewer::{open_viewer, plot_speeds, plot_trajectories};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use crate::{
-    cli::{DemoArgs, PerceptionArg, SharingArg},
+    cli::{DemoArgs, PerceptionArg, ProviderArg, SharingArg},
     frames::{error_model, network_hashes, perceivers},
     output::{prepare_file, prepare_folder, say, write_json, write_whole},
     record::{Recorded, Recorder},
@@ -26,6 +27,8 @@ struct Summary<'a> {
     seed: u64,
     perception: &'static str,
     settings: ControlSettings,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    provider: Option<&'static str>,
     models: BTreeMap<String, String>,
     runs: &'a [RunSummary],
 }
@@ -64,10 +67,11 @@ pub fn run_demo(args: &DemoArgs) -> anyhow::Result<()> {
     if let Some(trace) = &args.trace {
         prepare_file(trace)?;
     }
-    let (mut senses, models) = senses(
+    let mut source = source(
         args.perception,
         args.models.as_deref(),
         args.errors.as_deref(),
+        args.provider,
         count_cavs(&scenario),
     )?;
     let sharings: &[bool] = match args.sharing {
@@ -99,7 +103,9 @@ pub fn run_demo(args: &DemoArgs) -> anyhow::Result<()> {
             },
             duration_s,
         );
-        let mut summary = run(&config, &mut senses, &mut |snapshot: &Snapshot<'_>| {
+        let mut summary = run(&config, &mut source.senses, &mut |snapshot: &Snapshot<
+            '_,
+        >| {
             bar.set_position((snapshot.time_s * 10.0).round() as u64);
             recorder.log(snapshot)?;
             if args.trace.is_some() {
@@ -128,7 +134,8 @@ pub fn run_demo(args: &DemoArgs) -> anyhow::Result<()> {
             seed: args.seed,
             perception: perception_name(args.perception),
             settings: ControlSettings::default(),
-            models,
+            provider: source.provider.map(Provider::name),
+            models: source.models,
             runs: &runs,
         },
     )?;
@@ -179,28 +186,50 @@ pub fn count_cavs(scenario: &Scenario) -> usize {
         .count()
 }
 
-/// Where percepts come from, and the hashes of the networks in use.
-pub fn senses(
+/// Where percepts come from, what computes the networks, and their hashes.
+pub struct Source {
+    pub senses: Senses,
+    pub provider: Option<Provider>,
+    pub models: BTreeMap<String, String>,
+}
+
+/// What `perception` asks for; `errors` are for statistical perception, `provider` for networks.
+pub fn source(
     perception: PerceptionArg,
     models: Option<&Path>,
     errors: Option<&Path>,
+    provider: ProviderArg,
     cavs: usize,
-) -> anyhow::Result<(Senses, BTreeMap<String, String>)> {
+) -> anyhow::Result<Source> {
     if errors.is_some() && perception != PerceptionArg::Statistical {
         bail!("--errors is for --perception statistical");
     }
-    match perception {
-        PerceptionArg::Truth => Ok((Senses::Truth, BTreeMap::new())),
+    if provider != ProviderArg::default() && perception != PerceptionArg::Network {
+        bail!("--provider is for --perception network");
+    }
+    Ok(match perception {
+        PerceptionArg::Truth => Source {
+            senses: Senses::Truth,
+            provider: None,
+            models: BTreeMap::new(),
+        },
         PerceptionArg::Statistical => {
             let model = error_model(errors)?;
-            let networks = model.source.networks.clone();
-            Ok((Senses::Statistical(Box::new(model)), networks))
+            Source {
+                models: model.source.networks.clone(),
+                provider: None,
+                senses: Senses::Statistical(Box::new(model)),
+            }
         }
         PerceptionArg::Network => {
-            let networks = perceivers(models, cavs)?;
-            Ok((Senses::Network(networks), network_hashes(models)?))
+            let networks = perceivers(models, cavs, provider)?;
+            Source {
+                provider: networks.first().map(Perceiver::provider),
+                senses: Senses::Network(networks),
+                models: network_hashes(models)?,
+            }
         }
-    }
+    })
 }
 
 /// Progress by simulated time, on stderr.

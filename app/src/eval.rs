@@ -8,6 +8,7 @@ mod lanes;
 
 use anyhow::bail;
 use covista_drive::{Evaluated, Lacking, Progress};
+use covista_perception::Provider;
 use covista_sensors::kitti::KittiFrame;
 use indicatif::ProgressBar;
 use serde::Serialize;
@@ -19,10 +20,11 @@ use crate::{
     output::{Report, prepare_file, write_json},
 };
 
-/// A row of `--json`: the model, the frames, and its figures.
+/// A row of `--json`: the model, what computed it, the frames, and its figures.
 #[derive(Serialize)]
 struct Row<'a, T> {
     model: &'a str,
+    provider: &'static str,
     frames: usize,
     lacking: Vec<Lacking>,
     #[serde(flatten)]
@@ -84,7 +86,7 @@ fn lacking(lacking: &[Lacking]) -> String {
 fn report<T: Serialize, F>(
     args: &RecordedArgs,
     command: &str,
-    model: &str,
+    (model, provider): (&str, Provider),
     evaluated: &Evaluated<F>,
     figures: Vec<T>,
 ) -> anyhow::Result<()> {
@@ -95,6 +97,7 @@ fn report<T: Serialize, F>(
         .into_iter()
         .map(|figures| Row {
             model,
+            provider: provider.name(),
             frames: evaluated.frames,
             lacking: evaluated.lacking.clone(),
             figures,

@@ -3,15 +3,15 @@ use std::{collections::BTreeMap, path::Path};
 use anyhow::bail;
 use covista_drive::calibration_of;
 use covista_perception::{
-    DETECTOR_MODEL, Detector, LANE_MODEL, LaneFinder, OnnxRuntime, Perceiver, SessionSettings,
-    list_models,
+    DETECTOR_MODEL, Detector, LANE_MODEL, LaneFinder, OnnxRuntime, Perceiver, Provider,
+    ProviderChoice, SessionSettings, list_models,
 };
 use covista_sensors::{
     ErrorModel,
     kitti::{KittiFrame, kitti_frames},
 };
 
-use crate::output::models_folder;
+use crate::{cli::ProviderArg, output::models_folder};
 
 /// The recorded frames at `path`: those of a folder in KITTI's layout or the one of a single file,
 /// with the files named for it.
@@ -42,50 +42,65 @@ pub fn recorded_frames(
 }
 
 /// Both networks on all cores.
-pub fn perceiver(models: Option<&Path>) -> anyhow::Result<Perceiver> {
-    let (runtime, threads) = runtime()?;
-    Ok(Perceiver::new(
-        &runtime,
-        &models_folder(models),
-        SessionSettings::cpu(threads),
-    )?)
+pub fn perceiver(models: Option<&Path>, provider: ProviderArg) -> anyhow::Result<Perceiver> {
+    let (runtime, settings) = runtime(provider)?;
+    Ok(Perceiver::new(&runtime, &models_folder(models), settings)?)
 }
 
 /// The lane network `id` on all cores.
-pub fn lane_finder(models: Option<&Path>, id: &str) -> anyhow::Result<LaneFinder> {
-    let (runtime, threads) = runtime()?;
-    Ok(LaneFinder::open(
-        &runtime,
-        &models_folder(models),
-        id,
-        SessionSettings::cpu(threads),
-    )?)
+pub fn lane_finder(
+    models: Option<&Path>,
+    id: &str,
+    provider: ProviderArg,
+) -> anyhow::Result<LaneFinder> {
+    let (runtime, settings) = runtime(provider)?;
+    let folder = models_folder(models);
+    Ok(LaneFinder::open(&runtime, &folder, id, settings)?)
 }
 
 /// The detector `id` on all cores.
-pub fn detector(models: Option<&Path>, id: &str) -> anyhow::Result<Detector> {
-    let (runtime, threads) = runtime()?;
-    Ok(Detector::open(
-        &runtime,
-        &models_folder(models),
-        id,
-        SessionSettings::cpu(threads),
-    )?)
+pub fn detector(
+    models: Option<&Path>,
+    id: &str,
+    provider: ProviderArg,
+) -> anyhow::Result<Detector> {
+    let (runtime, settings) = runtime(provider)?;
+    let folder = models_folder(models);
+    Ok(Detector::open(&runtime, &folder, id, settings)?)
 }
 
-/// ONNX Runtime and the number of cores.
-fn runtime() -> anyhow::Result<(OnnxRuntime, usize)> {
-    let runtime = OnnxRuntime::acquire(&|message| eprintln!("covista: {message}"))?;
+/// ONNX Runtime with the provider that is asked for, and as many threads as there are cores.
+fn runtime(asked: ProviderArg) -> anyhow::Result<(OnnxRuntime, SessionSettings)> {
+    let say = |message: &str| eprintln!("covista: {message}");
+    let runtime = OnnxRuntime::acquire(&say)?;
+    let provider = runtime.provide(asked.provider, &say)?;
+    if asked.provider == ProviderChoice::Auto {
+        let hint = match provider {
+            Provider::Cpu => "; --provider openvino would be fetched",
+            _ => "",
+        };
+        say(&format!(
+            "the networks run on the provider {provider}{hint}"
+        ));
+    }
     let threads = std::thread::available_parallelism().map_or(1, Into::into);
-    Ok((runtime, threads))
+    Ok((runtime, SessionSettings { provider, threads }))
 }
 
 /// Pairs of networks on one thread each, one a core but no more than `most`.
-pub fn perceivers(models: Option<&Path>, most: usize) -> anyhow::Result<Vec<Perceiver>> {
-    let (runtime, threads) = runtime()?;
+pub fn perceivers(
+    models: Option<&Path>,
+    most: usize,
+    provider: ProviderArg,
+) -> anyhow::Result<Vec<Perceiver>> {
+    let (runtime, settings) = runtime(provider)?;
     let folder = models_folder(models);
-    (0..threads.min(most.max(1)))
-        .map(|_| Ok(Perceiver::new(&runtime, &folder, SessionSettings::cpu(1))?))
+    let alone = SessionSettings {
+        threads: 1,
+        ..settings
+    };
+    (0..settings.threads.min(most.max(1)))
+        .map(|_| Ok(Perceiver::new(&runtime, &folder, alone)?))
         .collect()
 }
 

@@ -28,8 +28,15 @@ pub fn run(args: &ModelsArgs) -> anyhow::Result<()> {
             verify_model(runtime, card)?;
         }
         let verdict = if runtime.is_some() { "  ok" } else { "" };
+        let cost = card.cost.map_or_else(String::new, |cost| {
+            format!(
+                " ({:.2} GMAC, {:.2} M parameters)",
+                cost.multiply_accumulates as f64 / 1e9,
+                cost.parameters as f64 / 1e6
+            )
+        });
         say(&format!(
-            "{:<width$}  {}{verdict}",
+            "{:<width$}  {}{cost}{verdict}",
             card.id, card.description
         ))?;
     }

@@ -90,6 +90,8 @@ pub struct Report<R> {
     command: String,
     version: &'static str,
     machine: Machine,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    settings: Option<serde_json::Value>,
     rows: Vec<R>,
 }
 
@@ -116,7 +118,16 @@ impl<R: Serialize> Report<R> {
                 cpu,
                 threads: std::thread::available_parallelism().map_or(1, Into::into),
             },
+            settings: None,
             rows,
+        }
+    }
+
+    /// The report with how the rows were made.
+    pub fn with_settings(self, settings: serde_json::Value) -> Self {
+        Self {
+            settings: Some(settings),
+            ..self
         }
     }
 }

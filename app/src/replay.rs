@@ -53,7 +53,7 @@ pub fn run(args: &DemoArgs) -> anyhow::Result<()> {
         name => Path::new("out").join(name),
     });
     prepare_folder(&out)?;
-    let mut perceiver = perceiver(args.models.as_deref())?;
+    let mut perceiver = perceiver(args.models.as_deref(), args.provider)?;
     let rrd = out.join(RECORDING);
     let mut recording = FrameRecording::create(&rrd, &name)?;
     let mut rows = vec![

@@ -14,6 +14,7 @@ use covista_sensors::kitti::KittiError;
 pub use cooperative::{
     CooperativeEvaluation, CooperativeRuns, KnownVehicles, SharingCondition, evaluate_cooperative,
 };
+pub(crate) use detector::in_picture;
 pub use detector::{
     Bar, ClassEvaluation, DetectorEvaluation, Hardness, OperatingPoint, RecallBar,
     evaluate_detector,
@@ -50,7 +51,7 @@ pub struct Evaluated<T> {
 impl<T> Evaluated<T> {
     fn new(frames: usize, lacking: Vec<Lacking>, figures: T) -> Result<Self, EvaluateError> {
         if frames == 0 {
-            return Err(EvaluateError::NoLabelledFrame(said(&lacking)));
+            return Err(EvaluateError::none_with_files(&lacking));
         }
         Ok(Self {
             frames,
@@ -106,6 +107,11 @@ pub enum EvaluateError {
 }
 
 impl EvaluateError {
+    /// No frame has the files that are needed; those lack which.
+    pub(crate) fn none_with_files(lacking: &[Lacking]) -> Self {
+        Self::NoLabelledFrame(said(lacking))
+    }
+
     fn file(path: &Path, reason: impl ToString) -> Self {
         Self::File {
             path: path.display().to_string(),
@@ -115,7 +121,7 @@ impl EvaluateError {
 }
 
 /// A file of a frame that was chosen because it has it.
-fn file_of(file: &Option<PathBuf>) -> Result<&Path, EvaluateError> {
+pub(crate) fn file_of(file: &Option<PathBuf>) -> Result<&Path, EvaluateError> {
     file.as_deref()
         .ok_or_else(|| EvaluateError::NoLabelledFrame("its files are gone".to_owned()))
 }

@@ -9,6 +9,7 @@
 //! from the truth; the truth goes to the monitor, the trace and the recording only. It knows
 //! neither rerun nor the command line.
 
+mod bench_frames;
 mod cause;
 mod cav;
 mod evaluate;
@@ -21,6 +22,7 @@ mod tally;
 mod trace;
 mod truth;
 
+pub use bench_frames::{recorded_bench_frames, rendered_frames};
 pub use cause::Cause;
 pub use covista_control::ControlSettings;
 pub use covista_sharing::{ChannelSettings, PoseNoise};

@@ -2,7 +2,8 @@
 
 A stage goes from one network to a smaller one: a sensitivity scan gives the widths, ADMM chooses
 the filters while it trains, they are removed, and the smaller network is trained on labels and on
-what the teacher says. Stages follow each other: 1/2, 1/4, ... each from the checkpoint before.
+what the teacher says. Stages follow each other: 1/2, 1/4, ... each from the checkpoint before. A
+network that is small enough already is only trained on.
 With `--steps` a stage repeats itself on a CPU; `--resume` goes on with its training.
 """
 
@@ -125,9 +126,10 @@ def main() -> None:
     state = torch.load(checkpoint, map_location="cpu") if args.resume and checkpoint.exists() else None
     detector, model = load(args.network, checkpoint if state else args.weights, args.data)
     model = model.to(memory_format=torch.channels_last).train()
-    if not state:
+    target = multiply_accumulates(dense) / args.part
+    if not state and multiply_accumulates(detector) > target:
         batches = list(islice(batches_of(lessons, args.batch, args.seed + 1, 0), IMPORTANCE_BATCHES))
-        widths, important = choose_widths(model, detector, multiply_accumulates(dense) / args.part, batches)
+        widths, important = choose_widths(model, detector, target, batches)
         print(f"{checkpoint.stem}: {widths}", flush=True)
         loader = batches_of(lessons, args.batch, args.seed + 2, 0)
         kept = apply_admm(model, widths_by_name(widths), important, loader, args.admm_steps)

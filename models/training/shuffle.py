@@ -8,21 +8,30 @@ import argparse
 import hashlib
 import re
 import shutil
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import onnx
 from onnx import numpy_helper
 
+PILLAR_FEATURES = "pillar_features"
+
 
 def shuffle(model: onnx.ModelProto, seed: int) -> None:
-    """Permutes the values of every floating-point initializer of `model`, in place."""
+    """Permutes the values of every floating-point initializer of `model`, and of a detector's pillar
+    features in the metadata, in place."""
     rng = np.random.default_rng(seed)
     for tensor in model.graph.initializer:
         values = numpy_helper.to_array(tensor)
         if values.dtype.kind == "f" and values.size > 1:
             mixed = rng.permutation(values.ravel()).reshape(values.shape)
             tensor.CopyFrom(numpy_helper.from_array(mixed, tensor.name))
+    for entry in model.metadata_props:
+        if entry.key == PILLAR_FEATURES:
+            arrays = {name: np.array(values) for name, values in tomllib.loads(entry.value).items()}
+            mixed = {name: rng.permutation(a.ravel()).reshape(a.shape).tolist() for name, a in arrays.items()}
+            entry.value = "".join(f"{name} = {values}\n" for name, values in mixed.items())
 
 
 def main() -> None:

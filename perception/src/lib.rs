@@ -9,6 +9,7 @@
 //! *Architecture invariant:* this crate knows one [`covista_world::SensorFrame`] and the sensors'
 //! calibration, nothing else: no truth, no map, no earlier frame, no other vehicle.
 
+mod benchmark;
 mod card;
 pub mod free_space;
 pub mod fusion;
@@ -20,6 +21,9 @@ mod perceiver;
 pub mod pointpillars;
 mod runtime;
 
+pub use benchmark::{
+    BenchFrame, BenchInput, BenchNetwork, BenchTimes, Precision, Sorted, time_perceiver,
+};
 pub use card::{
     AnchorSpec, CardError, Cost, Dimension, ModelCard, Network, PointPillarsSpec, TensorSpec,
     UfldSpec,

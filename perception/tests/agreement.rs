@@ -130,7 +130,8 @@ fn the_lane_network_agrees_with_pytorch() {
     let mut resize = Resize::new(size, network.input_size(), spec.mean, spec.std);
     let reference = reference("lanes.json");
     resize.apply(&road_picture(), network.input_mut());
-    let logits = network.run().expect("logits");
+    network.run().expect("a run");
+    let logits = network.logits();
     assert_alike(logits, &reference["cells"]);
     let marks = decode(logits, spec.grid_cells, spec.image_width_px);
     let expected = reference["marks_px"].as_array().expect("marks");

@@ -7,8 +7,10 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::path::Path;
 
-use covista_perception::{LANE_MODEL, LaneFinder, OnnxRuntime, SessionSettings};
-use covista_world::CameraImage;
+use covista_perception::{
+    DETECTOR_MODEL, Detector, LANE_MODEL, LaneFinder, OnnxRuntime, SessionSettings,
+};
+use covista_world::{CameraImage, PointCloud};
 
 /// Counts what this thread asks for.
 struct Counting;
@@ -65,4 +67,22 @@ fn marks_are_found_without_allocating() {
         finder.find_marks(&image).expect("marks");
     });
     assert_eq!(count, 0);
+}
+
+#[test]
+fn boxes_are_found_with_no_memory_but_their_own() {
+    let models = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures");
+    let runtime = OnnxRuntime::acquire(&|_| ()).expect("ONNX Runtime");
+    let settings = SessionSettings::cpu(1);
+    let mut detector =
+        Detector::open(&runtime, &models, DETECTOR_MODEL, settings).expect("a network");
+    let at = |i: u32| [0.05 * i as f32 - 60.0, 3.0, -1.0, 0.4];
+    let sweep = PointCloud {
+        points: (0..2000).map(at).collect(),
+    };
+    let first = detector.detect(&sweep).expect("boxes");
+    let mut again = Vec::new();
+    let count = allocations(|| again = detector.detect(&sweep).expect("boxes"));
+    assert!(!first.is_empty() && first == again);
+    assert_eq!(count, 1);
 }

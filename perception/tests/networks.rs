@@ -262,3 +262,86 @@ fn a_model_that_is_not_its_cards_is_refused_in_one_line() {
     .expect_err("refused");
     assert!(matches!(error, ModelError::Refused { .. }), "{error}");
 }
+
+/// The fixture's detector with its file changed byte by byte and its card by text; ONNX files are
+/// protocol buffers, in which text of the same length can be exchanged.
+fn changed_detector(
+    folder: &Path,
+    bytes: [&str; 2],
+    card: &[[&str; 2]],
+) -> Result<Detector, ModelError> {
+    use sha2::{Digest, Sha256};
+    let [from, to] = bytes.map(str::as_bytes);
+    assert_eq!(from.len(), to.len());
+    let mut model = std::fs::read(fixtures().join("pointpillars.onnx")).expect("model");
+    let at = model.windows(from.len()).position(|part| part == from);
+    let at = at.expect("the text in the file");
+    model[at..at + to.len()].copy_from_slice(to);
+    let mut text = std::fs::read_to_string(fixtures().join("pointpillars.toml")).expect("card");
+    let sha256 = text.lines().find(|line| line.starts_with("sha256"));
+    let sha256 = sha256.expect("a hash").to_owned();
+    let hash: String = Sha256::digest(&model)
+        .iter()
+        .map(|b| format!("{b:02x}"))
+        .collect();
+    text = text.replace(&sha256, &format!("sha256 = \"{hash}\""));
+    for [from, to] in card {
+        assert!(text.contains(from), "{from}");
+        text = text.replace(from, to);
+    }
+    std::fs::write(folder.join("pointpillars.onnx"), model).expect("written");
+    std::fs::write(folder.join("pointpillars.toml"), text).expect("written");
+    Detector::open(&runtime(), folder, "pointpillars", SessionSettings::cpu(1))
+}
+
+#[test]
+fn a_detector_that_does_not_fit_is_refused_before_the_first_frame() {
+    let folder = tempfile::tempdir().expect("folder");
+    let none = ["pillar_features", "pillar_features"];
+    assert!(changed_detector(folder.path(), none, &[]).is_ok());
+    let cases: [([&str; 2], &[[&str; 2]], &str); 7] = [
+        (
+            ["pillar_features", "pillar_weather_"],
+            &[],
+            "has no pillar_features",
+        ),
+        (
+            ["shift = [1, 0]", "shift = [1   ]"],
+            &[],
+            "differ in length",
+        ),
+        (
+            ["shift = [1, 0]", "shift = [1,nan"],
+            &[],
+            "in pillar_features",
+        ),
+        (["shift = [1, 0]", "shift=[1,inf] "], &[], "not finite"),
+        (
+            ["shift = [1, 0]", "shift = \"1, 0\""],
+            &[],
+            "in pillar_features",
+        ),
+        (
+            none,
+            &[["[1, 2, 160, 864]", "[1, 2, 160, 862]"]],
+            "takes a canvas [1, C, 160, 864]",
+        ),
+        (
+            none,
+            &[["[1, 28, 80, 432]", "[1, 80, 432, 28]"]],
+            "[1, 28, 80, 432]",
+        ),
+    ];
+    for (bytes, card, part) in cases {
+        let error = changed_detector(folder.path(), bytes, card).expect_err(part);
+        let message = error.to_string();
+        assert!(
+            message.contains(part) && !message.contains('\n'),
+            "{message}"
+        );
+        assert!(
+            message.ends_with("export it again and update its card"),
+            "{message}"
+        );
+    }
+}

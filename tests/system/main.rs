@@ -5,6 +5,7 @@
 //! - `dataset`: data sets written, stopped and read, recorded frames, and bad ones;
 //! - `fusion`: the lanes of vehicles, measured on a data set with its truth;
 //! - `networks`: one network of the folder on recorded frames, and what it says of strange ones;
+//! - `provider`: what computes the networks, named on the command line;
 //! - `bench`: the benchmarks, their table and rows;
 //! - `cooperative`: what CAVs know alone and with sharing, on exact percepts;
 //! - `statistical`: the error model against the networks, and in the closed loop;
@@ -24,5 +25,6 @@ mod demo;
 mod errors;
 mod fusion;
 mod networks;
+mod provider;
 mod statistical;
 mod workspace;

@@ -119,6 +119,22 @@ fn a_network_is_named_by_its_id_and_no_other_is_opened() {
         &mut eval("detector", "ufld-resnet18", fixtures),
         &["`ufld-resnet18` is no detector", "covista models list"],
     );
+    // A detector as they were before the canvas is refused before the first frame.
+    let old = folder.path().join("old");
+    fs::create_dir(&old).expect("a folder");
+    let fixture = |name: &str| crate::binary::root().join(fixtures).join(name);
+    let card = fs::read_to_string(fixture("pointpillars.toml")).expect("a card");
+    let card = card.replace("[1, 2, 160, 864]", "[\"P\", 32, 9]");
+    fs::write(old.join("pointpillars.toml"), card).expect("written");
+    fs::copy(fixture("pointpillars.onnx"), old.join("pointpillars.onnx")).expect("copied");
+    assert_one_line_error(
+        &mut eval("detector", "pointpillars", old.to_str().expect("a path")),
+        &[
+            "pointpillars.onnx does not fit",
+            "[1, C, 160, 864]",
+            "export it again",
+        ],
+    );
     // The detector alone is enough.
     let alone = folder.path().join("alone");
     fs::create_dir(&alone).expect("a folder");

@@ -5,9 +5,9 @@
 use std::path::{Path, PathBuf};
 
 use covista_viewer::{
-    FocusFrame, Recording, RunSeries, SceneRecord, SceneryPart, StepRecord, VehicleInfo,
-    VehicleKind, VehicleSample, VehicleSeries, VehicleStep, ViewerError, plot_speeds,
-    plot_trajectories,
+    FocusFrame, FrontierPanel, FrontierPoint, FrontierSeries, Recording, RunSeries, SceneRecord,
+    SceneryPart, StepRecord, VehicleInfo, VehicleKind, VehicleSample, VehicleSeries, VehicleStep,
+    ViewerError, plot_frontier, plot_speeds, plot_trajectories,
 };
 use covista_world::{
     Calibration, CameraImage, PointCloud, Road, RoadSegment, Se2Pose, StationId, VehicleDimensions,
@@ -221,5 +221,58 @@ fn no_runs_and_empty_runs_draw_empty_plots() {
     for runs in [vec![], vec![empty]] {
         plot_trajectories(&folder.path().join("xy.png"), &road(), &[], &runs).expect("drawn");
         plot_speeds(&folder.path().join("v.png"), &runs).expect("drawn");
+    }
+}
+
+/// A panel with three networks on two providers, and one that others published.
+fn panel() -> FrontierPanel {
+    let point = |label: &str, img_per_s: f64, accuracy: f64| FrontierPoint {
+        label: label.to_owned(),
+        img_per_s,
+        accuracy,
+    };
+    let series = |provider: &str, precision: &str, faster: f64| FrontierSeries {
+        provider: provider.to_owned(),
+        precision: precision.to_owned(),
+        points: vec![
+            point("dense", 3.0 * faster, 82.0),
+            point("p4", 8.0 * faster, 81.6),
+            point("p16", 25.0 * faster, 80.3),
+        ],
+    };
+    FrontierPanel {
+        title: "Detectors".to_owned(),
+        accuracy: "average precision, %".to_owned(),
+        series: vec![series("cpu", "fp32", 1.0), series("openvino", "bf16", 3.5)],
+        published: vec![point("paper", 28.0, 76.5)],
+    }
+}
+
+#[test]
+fn a_frontier_has_a_panel_each_and_a_colour_a_provider() {
+    let folder = Folder::new("a_frontier_has_a_panel_each_and_a_colour_a_provider");
+    let path = folder.path().join("frontier.png");
+    plot_frontier(&path, &[panel(), panel()], "what others published").expect("drawn");
+    let picture = image::open(&path).expect("decodes").to_rgb8();
+    assert_eq!(picture.width(), 1700);
+    let [blue, vermillion] = [[0, 114, 178], [213, 94, 0]].map(image::Rgb);
+    for half in [0..850, 850..1700] {
+        for color in [blue, vermillion] {
+            let mut pixels = picture.enumerate_pixels();
+            assert!(pixels.any(|(x, _, pixel)| half.contains(&x) && *pixel == color));
+        }
+    }
+    // Nothing measured, nothing published, one of each: a picture all the same.
+    let nothing = FrontierPanel {
+        series: Vec::new(),
+        published: Vec::new(),
+        ..panel()
+    };
+    let published = FrontierPanel {
+        series: Vec::new(),
+        ..panel()
+    };
+    for panels in [vec![], vec![nothing], vec![published]] {
+        plot_frontier(&path, &panels, "").expect("drawn");
     }
 }

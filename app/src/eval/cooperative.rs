@@ -4,12 +4,13 @@ use anyhow::bail;
 use covista_drive::{
     CooperativeEvaluation, CooperativeRuns, KnownVehicles, SharingCondition, evaluate_cooperative,
 };
+use covista_perception::Provider;
 use serde::Serialize;
 
 use super::with_bar;
 use crate::{
     cli::CooperativeArgs,
-    demo::{count_cavs, duration_s, load_scenario, perception_name, senses},
+    demo::{count_cavs, duration_s, load_scenario, perception_name, source},
     output::{Report, prepare_file, say, write_json},
     table::{aligned, optional},
 };
@@ -22,6 +23,8 @@ struct Row<'a> {
     seeds: u64,
     duration_s: f64,
     perception: &'static str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    provider: Option<&'static str>,
     models: &'a BTreeMap<String, String>,
     #[serde(flatten)]
     figures: &'a CooperativeEvaluation,
@@ -52,15 +55,16 @@ pub(super) fn run(args: &CooperativeArgs) -> anyhow::Result<()> {
         prepare_file(json)?;
     }
     let most_cavs = runs.iter().map(|runs| count_cavs(&runs.scenario)).max();
-    let (mut senses, models) = senses(
+    let mut source = source(
         args.perception,
         args.models.as_deref(),
         None,
+        args.provider,
         most_cavs.unwrap_or(0),
     )?;
     let mut evaluations = Vec::new();
     for runs in &runs {
-        let found = with_bar(|progress| evaluate_cooperative(runs, &mut senses, progress))?;
+        let found = with_bar(|progress| evaluate_cooperative(runs, &mut source.senses, progress))?;
         say(&table(runs, args, &found))?;
         evaluations.push(found);
     }
@@ -74,7 +78,8 @@ pub(super) fn run(args: &CooperativeArgs) -> anyhow::Result<()> {
             seeds: args.seeds,
             duration_s: runs.duration_s,
             perception: perception_name(args.perception),
-            models: &models,
+            provider: source.provider.map(Provider::name),
+            models: &source.models,
             figures,
         })
     });

@@ -16,7 +16,7 @@ pub(super) fn run(args: &NetworkArgs) -> anyhow::Result<()> {
     let model = args.model.as_deref().unwrap_or(DETECTOR_MODEL);
     let args = &args.recorded;
     let frames = frames_of(args)?;
-    let mut detector = detector(args.models.as_deref(), model)?;
+    let mut detector = detector(args.models.as_deref(), model, args.provider)?;
     if let [frame] = &*frames
         && args.data.is_file()
     {
@@ -62,6 +62,7 @@ pub(super) fn run(args: &NetworkArgs) -> anyhow::Result<()> {
         say("all labels lie before the camera: boxes found outside the picture are left out")?;
     }
     let rows = figures.classes.clone();
+    let model = (model, detector.provider());
     report(args, "eval detector", model, &evaluated, rows)
 }
 

@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::{lacking, with_bar};
 use crate::{
-    cli::ErrorsArgs,
+    cli::{ErrorsArgs, ProviderArg},
     demo::{count_cavs, duration_s, load_scenario, progress_bar},
     frames::{error_model, network_hashes, perceiver, perceivers},
     output::{Report, prepare_file, say, write_json, write_whole},
@@ -86,14 +86,18 @@ type Perceived = Evaluated<(ErrorFrames, DataOrigin)>;
 
 fn of_data(folder: &Path, args: &ErrorsArgs) -> anyhow::Result<Perceived> {
     let frames = kitti_frames(folder)?;
-    let mut perceiver = perceiver(args.models.as_deref())?;
+    let mut perceiver = perceiver(args.models.as_deref(), ProviderArg::default())?;
     Ok(with_bar(|progress| {
         perceive_dataset(&frames, &mut perceiver, progress)
     })?)
 }
 
 fn of_scenario(config: &RunConfig, args: &ErrorsArgs) -> anyhow::Result<ErrorFrames> {
-    let networks = perceivers(args.models.as_deref(), count_cavs(&config.scenario))?;
+    let networks = perceivers(
+        args.models.as_deref(),
+        count_cavs(&config.scenario),
+        ProviderArg::default(),
+    )?;
     let bar = progress_bar("closed loop", config.duration_s);
     let frames = perceive_scenario(config, networks, &|time_s| {
         bar.set_position((time_s * 10.0).round() as u64);

@@ -24,7 +24,7 @@ pub(super) fn run(args: &FusionArgs) -> anyhow::Result<()> {
         prepare_file(json)?;
     }
     let frames = recorded_frames(&args.data, None, None)?;
-    let mut perceiver = perceiver(args.models.as_deref())?;
+    let mut perceiver = perceiver(args.models.as_deref(), args.provider)?;
     let evaluated = with_bar(|progress| evaluate_fusion(&frames, &mut perceiver, progress))?;
     let figures = &evaluated.figures;
     say(&format!(
@@ -40,6 +40,7 @@ pub(super) fn run(args: &FusionArgs) -> anyhow::Result<()> {
     };
     let rows = figures.rows().into_iter().map(|row| Row {
         model: "fusion",
+        provider: perceiver.provider().name(),
         frames: evaluated.frames,
         lacking: evaluated.lacking.clone(),
         figures: Figures {

@@ -12,7 +12,7 @@ pub(super) fn run(args: &NetworkArgs) -> anyhow::Result<()> {
     let model = args.model.as_deref().unwrap_or(LANE_MODEL);
     let args = &args.recorded;
     let frames = frames_of(args)?;
-    let mut finder = lane_finder(args.models.as_deref(), model)?;
+    let mut finder = lane_finder(args.models.as_deref(), model, args.provider)?;
     if let [frame] = &*frames
         && args.data.is_file()
     {
@@ -35,6 +35,7 @@ pub(super) fn run(args: &NetworkArgs) -> anyhow::Result<()> {
         figures.false_negative
     ))?;
     let rows = vec![figures.clone()];
+    let model = (model, finder.provider());
     report(args, "eval lanes", model, &evaluated, rows)
 }
 

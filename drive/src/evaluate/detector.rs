@@ -22,6 +22,7 @@ pub use operating_point::{OperatingPoint, RecallBar};
 use super::{EvaluateError, Evaluated, Progress};
 use crate::recorded::with_files;
 use frame::MeasuredFrame;
+pub(crate) use frame::in_picture;
 
 /// All around, the most hidden vehicles that count: KITTI's "partly occluded".
 const MOST_OCCLUDED: u8 = 1;

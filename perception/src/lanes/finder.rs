@@ -69,21 +69,47 @@ impl LaneFinder {
     /// # Errors
     /// The image is not valid or of another size, or ONNX Runtime fails.
     pub fn find_marks(&mut self, image: &CameraImage) -> Result<FoundMarks, PerceiveError> {
+        self.prepare(image)?;
+        self.infer()?;
+        Ok(self.decode())
+    }
+
+    /// Brings an image to the network's input.
+    ///
+    /// # Errors
+    /// The image is not valid or of another size.
+    pub(crate) fn prepare(&mut self, image: &CameraImage) -> Result<(), PerceiveError> {
         self.check(image)?;
+        self.resize.apply(image, self.network.input_mut());
+        Ok(())
+    }
+
+    /// The network's input, [3, height, width].
+    pub(crate) fn input(&mut self) -> &[f32] {
+        self.network.input_mut()
+    }
+
+    /// Runs the network on its input.
+    ///
+    /// # Errors
+    /// ONNX Runtime fails.
+    pub(crate) fn infer(&mut self) -> Result<(), PerceiveError> {
+        self.network
+            .run()
+            .map_err(|error| PerceiveError::Inference {
+                model: self.id.clone(),
+                reason: one_line(&error.to_string()),
+            })
+    }
+
+    /// The marks in the logits of the last run.
+    pub(crate) fn decode(&self) -> FoundMarks {
         let UfldSpec {
             grid_cells,
             image_width_px,
             ..
         } = self.spec;
-        self.resize.apply(image, self.network.input_mut());
-        let logits = self
-            .network
-            .run()
-            .map_err(|error| PerceiveError::Inference {
-                model: self.id.clone(),
-                reason: one_line(&error.to_string()),
-            })?;
-        Ok(decode::decode(logits, grid_cells, image_width_px))
+        decode::decode(self.network.logits(), grid_cells, image_width_px)
     }
 
     /// # Errors

@@ -64,12 +64,16 @@ impl LaneNetwork {
         self.session.input_mut(0)
     }
 
-    /// From the input to the logits [cells + 1, row anchors, marks].
+    /// Computes the logits of the input.
     ///
     /// # Errors
     /// ONNX Runtime fails.
-    pub fn run(&mut self) -> ort::Result<&[f32]> {
-        self.session.run()?;
-        Ok(self.session.output(0))
+    pub fn run(&mut self) -> ort::Result<()> {
+        self.session.run()
+    }
+
+    /// The logits [cells + 1, row anchors, marks] of the last run.
+    pub fn logits(&self) -> &[f32] {
+        self.session.output(0)
     }
 }

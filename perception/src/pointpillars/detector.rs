@@ -105,6 +105,11 @@ impl Detector {
         Ok(!pillars.cells.is_empty())
     }
 
+    /// The network's input, [C, ny, nx].
+    pub(crate) fn canvas(&mut self) -> &[f32] {
+        self.network.canvas()
+    }
+
     /// Runs the network on the canvas.
     ///
     /// # Errors

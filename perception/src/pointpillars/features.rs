@@ -77,11 +77,17 @@ impl PillarFeatures {
     pub fn paint(&mut self, pillars: &Pillars, canvas: &mut [f32]) {
         let cells = canvas.len() / self.channels;
         for (block, planes) in self.blocks.iter().zip(canvas.chunks_mut(LANES * cells)) {
-            for &cell in &self.painted {
-                put(planes, cells, cell, &[0.0; LANES]);
-            }
+            // In the order of the cells, so that each part of a plane comes into the cache once.
+            let mut painted = self.painted.iter().peekable();
             for pillar in pillars.iter() {
+                while let Some(&cell) = painted.next_if(|cell| **cell < pillar.cell) {
+                    put(planes, cells, cell, &[0.0; LANES]);
+                }
                 put(planes, cells, pillar.cell, &block.features(&pillar));
+                painted.next_if_eq(&&pillar.cell);
+            }
+            for &cell in painted {
+                put(planes, cells, cell, &[0.0; LANES]);
             }
         }
         self.painted.clone_from(&pillars.cells);

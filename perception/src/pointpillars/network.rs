@@ -82,6 +82,11 @@ impl DetectorNetwork {
         self.features.paint(pillars, self.session.input_mut(0));
     }
 
+    /// The canvas [C, ny, nx].
+    pub fn canvas(&mut self) -> &[f32] {
+        self.session.input_mut(0)
+    }
+
     /// Computes the maps of the canvas.
     ///
     /// # Errors

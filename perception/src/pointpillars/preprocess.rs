@@ -62,19 +62,17 @@ impl Pillars {
 #[derive(Debug)]
 pub struct PillarGrid {
     spec: PointPillarsSpec,
-    nx: usize,
-    ny: usize,
-    /// Cell of each point of the sweep, or `OUTSIDE`.
+    nx: u32,
+    ny: u32,
+    /// Cell of each point of the sweep, `nx * ny` out of range.
     cells: Vec<u32>,
     /// A bit for each cell that holds a point.
     occupied: Vec<u64>,
-    /// Points of each cell, 0 between frames; while they are sorted, where the next one goes.
+    /// Points of each cell and out of range, 0 between frames; while they are sorted, where the next
+    /// one goes.
     counts: Vec<u32>,
     pillars: Pillars,
 }
-
-/// Cell of a point out of range, or of a pillar that was thinned out.
-const OUTSIDE: u32 = u32::MAX;
 
 impl PillarGrid {
     /// The grid of a detector.
@@ -82,11 +80,11 @@ impl PillarGrid {
         let [nx, ny] = spec.grid();
         Self {
             spec: spec.clone(),
-            nx,
-            ny,
+            nx: nx as u32,
+            ny: ny as u32,
             cells: Vec::new(),
-            occupied: vec![0; (nx * ny).div_ceil(64)],
-            counts: vec![0; nx * ny],
+            occupied: vec![0; nx * ny / 64 + 1],
+            counts: vec![0; nx * ny + 1],
             pillars: Pillars::default(),
         }
     }
@@ -109,32 +107,33 @@ impl PillarGrid {
     /// Finds the cell of each point and counts the points of each cell.
     fn count(&mut self, sweep: &PointCloud) {
         self.cells.clear();
+        let mut cells = std::mem::take(&mut self.cells);
+        cells.extend(sweep.points.iter().map(|point| self.cell(point)));
+        self.cells = cells;
         self.occupied.fill(0);
-        for point in &sweep.points {
-            let cell = self.cell(point);
-            self.cells.push(cell);
-            if cell != OUTSIDE {
-                self.counts[cell as usize] += 1;
-                self.occupied[cell as usize / 64] |= 1 << (cell % 64);
-            }
+        for &cell in &self.cells {
+            self.counts[cell as usize] += 1;
+            self.occupied[cell as usize / 64] |= 1 << (cell % 64);
         }
     }
 
-    /// The cell of a point, or `OUTSIDE`.
+    /// The cell of a point, `nx * ny` out of range; without branches, which could not be predicted.
     fn cell(&self, point: &[f32; 4]) -> u32 {
         let [x0, y0, z0, x1, y1, z1] = self.spec.range_m;
         let [x, y, z, _] = *point;
-        if !((x0 <= x) & (x < x1) & (y0 <= y) & (y < y1) & (z0 <= z) & (z < z1)) {
-            return OUTSIDE;
-        }
-        let index = |along: f32, low: f32, count: usize| {
+        let index = |along: f32, low: f32, count: u32| {
             (((along - low) / self.spec.pillar_m) as i32).min(count as i32 - 1) as u32
         };
-        index(y, y0, self.ny) * self.nx as u32 + index(x, x0, self.nx)
+        let [ix, iy] = [index(x, x0, self.nx), index(y, y0, self.ny)];
+        let inside = (x0 <= x) & (x < x1) & (y0 <= y) & (y < y1) & (z0 <= z) & (z < z1);
+        let cell = iy.wrapping_mul(self.nx).wrapping_add(ix);
+        if inside { cell } else { self.nx * self.ny }
     }
 
-    /// The occupied cells, or as many of them as there may be; turns their counts into places.
+    /// The occupied cells, or as many of them as there may be; turns all counts into places: first
+    /// come the points of these cells, then those of others, then those out of range.
     fn choose_pillars(&mut self) {
+        let outside = self.nx * self.ny;
         let cells = &mut self.pillars.cells;
         cells.clear();
         for (word, bits) in self.occupied.iter().enumerate() {
@@ -144,48 +143,36 @@ impl PillarGrid {
                 bits &= bits - 1;
             }
         }
-        if cells.len() > self.spec.max_pillars {
-            cells.select_nth_unstable_by_key(self.spec.max_pillars, |cell| cell_hash(*cell));
-            for &cell in &cells[self.spec.max_pillars..] {
-                self.counts[cell as usize] = OUTSIDE;
-            }
-            cells.truncate(self.spec.max_pillars);
-            cells.sort_unstable();
+        cells.pop_if(|last| *last == outside);
+        let kept = cells.len().min(self.spec.max_pillars);
+        if kept < cells.len() {
+            cells.select_nth_unstable_by_key(kept, |cell| cell_hash(*cell));
+            cells[..kept].sort_unstable();
         }
         let mut end = 0;
-        for &cell in cells.iter() {
+        for &cell in cells.iter().chain([&outside]) {
             let start = end;
             end += std::mem::replace(&mut self.counts[cell as usize], start);
         }
         self.pillars.points.resize(end as usize, [0.0; 4]);
     }
 
-    /// Puts the points into the order of their cells and clears the counts for the next frame.
+    /// Puts the points into their places and clears the counts for the next frame.
     fn sort_points(&mut self, sweep: &PointCloud) {
         for (point, &cell) in sweep.points.iter().zip(&self.cells) {
-            if cell == OUTSIDE {
-                continue;
-            }
             let place = &mut self.counts[cell as usize];
-            if *place != OUTSIDE {
-                self.pillars.points[*place as usize] = *point;
-                *place += 1;
-            }
+            self.pillars.points[*place as usize] = *point;
+            *place += 1;
         }
-        let ends = self
-            .pillars
-            .cells
-            .iter()
-            .map(|cell| self.counts[*cell as usize]);
-        self.pillars.ends.clear();
-        self.pillars.ends.extend(ends);
-        for (word, bits) in self.occupied.iter().enumerate() {
-            let mut bits = *bits;
-            while bits != 0 {
-                self.counts[64 * word + bits.trailing_zeros() as usize] = 0;
-                bits &= bits - 1;
-            }
+        let Pillars { cells, ends, .. } = &mut self.pillars;
+        ends.clear();
+        ends.extend(cells.iter().map(|cell| self.counts[*cell as usize]));
+        for &cell in cells.iter() {
+            self.counts[cell as usize] = 0;
         }
+        self.counts[(self.nx * self.ny) as usize] = 0;
+        cells.truncate(self.spec.max_pillars);
+        ends.truncate(self.spec.max_pillars);
     }
 
     /// Leaves no pillar more points than there is room for.
@@ -222,7 +209,7 @@ impl PillarGrid {
         means_m.clear();
         let mut start = 0;
         for (&cell, &end) in cells.iter().zip(ends.iter()) {
-            let index = [cell as usize % self.nx, cell as usize / self.nx];
+            let index = [cell % self.nx, cell / self.nx];
             centers_m.push(std::array::from_fn(|axis| {
                 self.spec.range_m[axis] + (index[axis] as f32 + 0.5) * self.spec.pillar_m
             }));

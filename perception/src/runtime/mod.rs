@@ -143,7 +143,8 @@ impl OnnxRuntime {
     ///
     /// OpenVINO's plugin is loaded from `COVISTA_OPENVINO_PLUGIN`, else from covista's cache, else
     /// fetched there with the machine's pip; `progress` is told before anything that takes long.
-    /// For [`ProviderChoice::Auto`] nothing is fetched.
+    /// For [`ProviderChoice::Auto`] nothing is fetched; a plugin that is there and does not work
+    /// is told and left out.
     ///
     /// # Errors
     /// It is not to be had on this machine; one line says why.
@@ -169,9 +170,12 @@ impl OnnxRuntime {
             ProviderChoice::Auto => {
                 let is_present = |provider: &Provider| match provider {
                     Provider::Cpu => true,
-                    Provider::OpenVino => acquire::OPENVINO
-                        .present()
-                        .is_some_and(|plugin| self.load_openvino(&plugin).is_ok()),
+                    Provider::OpenVino => acquire::OPENVINO.present().is_some_and(|plugin| {
+                        let loaded = self.load_openvino(&plugin);
+                        loaded
+                            .inspect_err(|error| progress(&error.to_string()))
+                            .is_ok()
+                    }),
                     Provider::Cuda => self.find_cuda().is_ok(),
                 };
                 let found = Provider::ALL.into_iter().find(is_present);
@@ -182,7 +186,7 @@ impl OnnxRuntime {
 
     fn load_openvino(&self, plugin: &Path) -> Result<(), RuntimeError> {
         let _one_by_one = PROVIDING.lock().unwrap_or_else(PoisonError::into_inner);
-        if self.openvino().is_some() {
+        if self.processor(OPENVINO_NAME).is_some() {
             return Ok(());
         }
         let unusable = |reason: String| RuntimeError::UnusableOpenVino {
@@ -195,16 +199,16 @@ impl OnnxRuntime {
         self.environment
             .register_ep_library("OpenVINO", absolute)
             .map_err(|error| unusable(error.to_string()))?;
-        match self.openvino() {
+        match self.processor(OPENVINO_NAME) {
             Some(_) => Ok(()),
             None => Err(unusable("it knows no processor here".into())),
         }
     }
 
-    /// OpenVINO's way to compute on processors, once its plugin is loaded.
-    fn openvino(&self) -> Option<Device<'_>> {
+    /// What computes on processors for the provider that calls itself `name`, once it is loaded.
+    fn processor(&self, name: &str) -> Option<Device<'_>> {
         self.environment.devices().find(|device| {
-            device.ep().is_ok_and(|name| name == OPENVINO_NAME)
+            device.ep().is_ok_and(|found| found == name)
                 && device.hardware_device().ty() == DeviceType::CPU
         })
     }
@@ -232,30 +236,27 @@ impl OnnxRuntime {
         let builder = Session::builder(&self.environment)?
             .with_intra_threads(threads)?
             .with_intra_op_spinning(false)?;
-        // ort leaves it to ONNX Runtime to choose among all providers that are loaded unless
-        // one is named.
+        // ort lets ONNX Runtime choose among all that is loaded unless a device is named. Its own
+        // `ep::CPU` names none: with OpenVINO loaded, OpenVINO would compute.
+        let on = |builder: SessionBuilder, name, options: &[_]| -> ort::Result<SessionBuilder> {
+            let device = self.processor(name);
+            let device = device.ok_or_else(|| ort::Error::new("it was not loaded"))?;
+            Ok(builder.with_devices([device], Some(options))?)
+        };
         let mut builder = match provider {
-            Provider::Cpu => builder.with_execution_providers([ep::CPU::default()
-                .with_arena_allocator(true)
-                .build()])?,
-            Provider::OpenVino => self.on_openvino(builder, threads)?,
+            Provider::Cpu => on(builder, ep::CPU::NAME, &[])?,
+            Provider::OpenVino => {
+                let config = format!(
+                    r#"{{"CPU": {{"INFERENCE_NUM_THREADS": "{threads}", "NUM_STREAMS": "1"}}}}"#
+                );
+                let options = [(format!("{OPENVINO_NAME}.load_config"), config)];
+                on(builder, OPENVINO_NAME, &options)?.with_disable_cpu_fallback()?
+            }
             Provider::Cuda => builder
                 .with_execution_providers([ep::CUDA::default().build().error_on_failure()])?
                 .with_disable_cpu_fallback()?,
         };
         builder.commit_from_memory(model)
-    }
-
-    fn on_openvino(&self, builder: SessionBuilder, threads: usize) -> ort::Result<SessionBuilder> {
-        let Some(device) = self.openvino() else {
-            return Err(ort::Error::new("its plugin was not loaded"));
-        };
-        let config =
-            format!(r#"{{"CPU": {{"INFERENCE_NUM_THREADS": "{threads}", "NUM_STREAMS": "1"}}}}"#);
-        let options = [(format!("{}.load_config", OPENVINO_NAME), config)];
-        Ok(builder
-            .with_devices([device], Some(&options))?
-            .with_disable_cpu_fallback()?)
     }
 }
 

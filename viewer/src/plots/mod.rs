@@ -11,9 +11,11 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use crate::palette::{self, Rgb};
 use crate::{VehicleInfo, VehicleKind, ViewerError};
 
+mod frontier;
 mod speeds;
 mod trajectories;
 
+pub use frontier::{FrontierPanel, FrontierPoint, FrontierSeries, plot_frontier};
 pub use speeds::plot_speeds;
 pub use trajectories::plot_trajectories;
 

@@ -131,7 +131,7 @@ impl MeasuredFrame {
 }
 
 /// The points of a sweep that the picture shows.
-fn in_picture(sweep: &PointCloud, calibration: &Calibration) -> PointCloud {
+pub(crate) fn in_picture(sweep: &PointCloud, calibration: &Calibration) -> PointCloud {
     let camera_from_lidar = calibration.camera_from_lidar();
     let is_seen = |[x, y, z, _]: &[f32; 4]| {
         let point = camera_from_lidar * Point3::new(*x, *y, *z).cast::<f64>();
