@@ -31,7 +31,7 @@ from train import LOG_EVERY, TASKS, begin_with_file, one_cycle, plot, update_ave
 
 TASK = TASKS["lanes"]
 ADMM_RATE, ADMM_EVERY, RHO = 2e-4, 10, (1e-3, 1e-1)
-SCAN_BATCHES, IMPORTANCE_BATCHES = 2, 8
+SCAN_BATCHES, IMPORTANCE_BATCHES = 1, 6
 TEACHER_WEIGHT = 4.0
 BLOCKS = tuple((stage, block) for stage in range(len(lanes.WIDTHS)) for block in range(2))
 Batch = dict[str, Tensor]
