@@ -47,7 +47,7 @@ fn a_provider_that_is_not_there_is_refused_before_the_first_frame() {
         &["`tpu` is no provider", "cpu, openvino, cuda or auto"],
     );
     assert_one_line_error(
-        &mut eval(&sweep, "cuda").env("ORT_DYLIB_PATH", onnx_runtime()),
+        eval(&sweep, "cuda").env("ORT_DYLIB_PATH", onnx_runtime()),
         &[
             "cuda is not available",
             "built without it",
