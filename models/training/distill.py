@@ -16,7 +16,8 @@ from data import DetectorDataset, Sample
 from deploy import fold
 
 SURE = 0.2
-TEACHER_WEIGHT = 1.0
+BOX_WEIGHTS = (1.0, 1.0, 9.0, 1.0, 1.0, 6.0, 1.0)  # height is what a small network loses first
+HEIGHT_WEIGHTS = (1.0, 1.0, 2.0, 1.0, 1.0, 2.0, 1.0)  # on top: heights are what small networks lose first
 
 
 class Teacher:
@@ -88,7 +89,7 @@ class Lessons(Dataset):
 def loss(outputs: tuple[Tensor, ...], batch: dict[str, Tensor]) -> dict[str, Tensor]:
     """The labels' loss and the distance from the teacher: quality focal loss over all anchors,
     boxes and directions where the teacher is sure, weighted with how sure."""
-    parts = pp.loss(outputs, batch)
+    parts = pp.loss(outputs, batch, BOX_WEIGHTS)
     logits, deltas, directions = (o.float() for o in outputs)
     soft = batch["soft"]
     weight = soft.reshape(-1)[batch["sure"]]
@@ -98,9 +99,10 @@ def loss(outputs: tuple[Tensor, ...], batch: dict[str, Tensor]) -> dict[str, Ten
     error = deltas.reshape(-1, 7)[batch["sure"]] - batch["sure_delta"]
     error = torch.cat((error[:, :6], error[:, 6:].sin()), 1)
     boxes = F.smooth_l1_loss(error, torch.zeros_like(error), reduction="none", beta=1 / 9)
-    boxes = (boxes * boxes.new_tensor(pp.BOX_WEIGHTS) * weight[:, None]).sum() / total
+    weights = boxes.new_tensor(BOX_WEIGHTS) * boxes.new_tensor(HEIGHT_WEIGHTS)
+    boxes = (boxes * weights * weight[:, None]).sum() / total
     said = batch["sure_direction"].softmax(1)
     direction = -(said * directions.reshape(-1, 2)[batch["sure"]].log_softmax(1)).sum(1)
     direction = (direction * weight).sum() / total
     imitation = {"teacher_classes": classes, "teacher_boxes": 2 * boxes, "teacher_direction": 0.2 * direction}
-    return parts | {name: TEACHER_WEIGHT * part for name, part in imitation.items()}
+    return parts | imitation

@@ -402,7 +402,9 @@ def decode(deltas: np.ndarray, directions: np.ndarray, anchors: np.ndarray) -> n
     return np.concatenate((center, size, yaw[:, None]), 1)
 
 
-def loss(outputs: tuple[Tensor, ...], batch: dict[str, Tensor]) -> dict[str, Tensor]:
+def loss(
+    outputs: tuple[Tensor, ...], batch: dict[str, Tensor], box_weights: tuple[float, ...] = BOX_WEIGHTS
+) -> dict[str, Tensor]:
     """The parts of the loss, weighted: focal, smooth L1 with the sine of the yaw error, direction."""
     logits, deltas, directions = (o.float() for o in outputs)
     labels, anchor = batch["labels"], batch["anchor"]
@@ -417,7 +419,7 @@ def loss(outputs: tuple[Tensor, ...], batch: dict[str, Tensor]) -> dict[str, Ten
     error = delta - batch["delta"]
     error = torch.cat((error[:, :6], error[:, 6:].sin()), 1)
     boxes = F.smooth_l1_loss(error, torch.zeros_like(error), reduction="none", beta=1 / 9)
-    boxes = (boxes * boxes.new_tensor(BOX_WEIGHTS)).sum() / number
+    boxes = (boxes * boxes.new_tensor(box_weights)).sum() / number
     logits = directions.reshape(-1, 2)[anchor]
     direction = F.cross_entropy(logits, batch["direction"], reduction="sum") / number
     return {"classes": classes, "boxes": 2 * boxes, "direction": 0.2 * direction}

@@ -18,7 +18,9 @@ import numpy as np
 import onnx
 import torch
 from onnx import TensorProto, numpy_helper
-from onnxruntime.quantization import CalibrationDataReader, CalibrationMethod, QuantFormat, QuantType, quantize_static
+from onnxruntime.quantization import CalibrationDataReader, QuantType
+from onnxruntime.quantization.calibrate import TensorsData, create_calibrator
+from onnxruntime.quantization.qdq_quantizer import QDQQuantizer
 from onnxruntime.quantization.shape_inference import quant_pre_process
 from tqdm import tqdm
 
@@ -32,6 +34,7 @@ from export import measure, toml_table
 
 Feed = dict[str, np.ndarray]
 LAYERS = ["Conv", "ConvTranspose", "Gemm", "MatMul"]
+SCANNED = 4  # frames with which the layers are tried one by one
 
 
 class Frames(CalibrationDataReader):
@@ -72,15 +75,23 @@ def with_plain_weights(source: Path, target: Path) -> None:
         quant_pre_process(plain, target, skip_symbolic_shape=True)
 
 
-def quantise(source: Path, target: Path, feeds: list[Feed], layers: list[str]) -> None:
-    """Quantises the named layers of `source`."""
-    quantize_static(
-        source, target, Frames(feeds),
-        quant_format=QuantFormat.QDQ, per_channel=True, nodes_to_quantize=layers,
-        activation_type=QuantType.QUInt8, weight_type=QuantType.QInt8,
-        calibrate_method=CalibrationMethod.MinMax,
+def calibrate(model: Path, folder: Path, feeds: list[Feed]) -> TensorsData:
+    """The range of each tensor over the frames."""
+    calibrator = create_calibrator(model, LAYERS, folder / "augmented.onnx")
+    calibrator.collect_data(Frames(feeds))
+    return calibrator.compute_data()
+
+
+def quantise(model: Path, target: Path, ranges: TensorsData, layers: list[str]) -> None:
+    """Quantises the named layers of `model`."""
+    quantizer = QDQQuantizer(
+        onnx.load(model), per_channel=True, reduce_range=False,
+        weight_qType=QuantType.QInt8, activation_qType=QuantType.QUInt8, tensors_range=ranges,
+        nodes_to_quantize=layers, nodes_to_exclude=[], op_types_to_quantize=LAYERS,
         extra_options={"WeightSymmetric": True},
     )  # fmt: skip
+    quantizer.quantize_model()
+    quantizer.model.save_model_to_file(str(target))
     without_quantised_outputs(target)
 
 
@@ -111,14 +122,14 @@ def change(model: Path, feeds: list[Feed], expected: list[list[np.ndarray]]) -> 
     return float(np.sqrt(squares.max() / len(feeds)))
 
 
-def robust_layers(plain: Path, folder: Path, feeds: list[Feed], tolerance: float) -> tuple[list[str], dict[str, float]]:
+def robust_layers(plain: Path, folder: Path, ranges: TensorsData, feeds: list[Feed], tolerance: float) -> tuple[list[str], dict[str, float]]:
     """The layers that may be quantised, and by how much each that may not changes the outputs."""
     session = open_model(plain, threads=2)
     expected = [session.run(None, feed) for feed in feeds]
     layers = [node.name for node in onnx.load(plain).graph.node if node.op_type in LAYERS]
     changes = {}
     for layer in tqdm(layers, desc="sensitivity", mininterval=5):
-        quantise(plain, folder / "one.onnx", feeds, [layer])
+        quantise(plain, folder / "one.onnx", ranges, [layer])
         changes[layer] = change(folder / "one.onnx", feeds, expected)
     sensitive = {name: value for name, value in changes.items() if value > tolerance}
     return [name for name in layers if name not in sensitive], sensitive
@@ -163,10 +174,11 @@ def main() -> None:
         folder = Path(name)
         plain, partial = folder / "plain.onnx", folder / "int8.onnx"
         with_plain_weights(source, plain)
-        layers, sensitive = robust_layers(plain, folder, feeds[:: max(len(feeds) // 8, 1)], args.tolerance)
+        ranges = calibrate(plain, folder, feeds)
+        layers, sensitive = robust_layers(plain, folder, ranges, feeds[:SCANNED], args.tolerance)
         for layer, by in sensitive.items():
             print(f"{layer} stays in floating point: alone it changes an output by {by:.3f} of its spread")
-        quantise(plain, partial, feeds, layers)
+        quantise(plain, partial, ranges, layers)
         target = args.models / f"{args.id}-int8.onnx"
         target.write_bytes(partial.read_bytes())
     command = f"python quantise.py {args.id} --data data/train --val data/val --frames {args.frames} --tolerance {args.tolerance}"

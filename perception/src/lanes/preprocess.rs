@@ -160,7 +160,7 @@ mod tests {
         ] {
             let image = noise(from[0], from[1]);
             let mut resize = Resize::new(from, to, [0.485, 0.456, 0.406], [0.229, 0.224, 0.225]);
-            let mut apply = |resize: &mut Resize| {
+            let apply = |resize: &mut Resize| {
                 let mut planes = vec![0.0; 3 * to[0] * to[1]];
                 resize.apply(&image, &mut planes);
                 planes.into_iter().map(f32::to_bits).collect::<Vec<_>>()
