@@ -73,11 +73,15 @@ impl Precision {
 }
 
 /// Whether the processor computes in bfloat16: then OpenVINO runs float32 models in it.
+#[cfg(target_arch = "x86_64")]
 fn has_bf16() -> bool {
-    #[cfg(target_arch = "x86_64")]
-    return std::arch::is_x86_feature_detected!("avx512bf16");
-    #[cfg(not(target_arch = "x86_64"))]
-    return false;
+    std::arch::is_x86_feature_detected!("avx512bf16")
+}
+
+/// OpenVINO's plugin is there for x86-64 alone.
+#[cfg(not(target_arch = "x86_64"))]
+fn has_bf16() -> bool {
+    false
 }
 
 /// The marks of quantised ONNX files: their operators' names, as they stand in the file.
