@@ -263,7 +263,7 @@ def measure(network: str, path: Path, data: Path, covista: str) -> str:
         places = ["--models", str(path.parent), "--data", str(data), "--json", str(rows)]
         subprocess.run([covista, *command, *places], check=True)
         report = json.loads(rows.read_text())
-    metrics: dict[str, object] = {"command": f"covista {' '.join(command)} --data data/val"}
+    metrics: dict[str, object] = {"command": f"covista {' '.join(command)} --data data/{data.name}"}
     for row in report["rows"]:
         kind = "" if what == "lanes" else f"{row['class']}_"
         for name, value in row.items():

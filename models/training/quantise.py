@@ -19,7 +19,7 @@ import onnx
 import torch
 from onnx import TensorProto, numpy_helper
 from onnxruntime.quantization import CalibrationDataReader, QuantType
-from onnxruntime.quantization.calibrate import TensorsData, create_calibrator
+from onnxruntime.quantization.calibrate import CalibrationMethod, TensorsData, create_calibrator
 from onnxruntime.quantization.qdq_quantizer import QDQQuantizer
 from onnxruntime.quantization.shape_inference import quant_pre_process
 from tqdm import tqdm
@@ -34,6 +34,7 @@ from export import measure, toml_table
 
 Feed = dict[str, np.ndarray]
 LAYERS = ["Conv", "ConvTranspose", "Gemm", "MatMul"]
+PERCENTILE = 99.99
 SCANNED = 4  # frames with which the layers are tried one by one
 
 
@@ -76,8 +77,12 @@ def with_plain_weights(source: Path, target: Path) -> None:
 
 
 def calibrate(model: Path, folder: Path, feeds: list[Feed]) -> TensorsData:
-    """The range of each tensor over the frames."""
-    calibrator = create_calibrator(model, LAYERS, folder / "augmented.onnx")
+    """The range of each tensor over the frames, but for the rarest of values: a few cells of the
+    first maps are many times as strong as all others."""
+    calibrator = create_calibrator(
+        model, LAYERS, folder / "augmented.onnx", CalibrationMethod.Percentile,
+        extra_options={"percentile": PERCENTILE, "symmetric": False},
+    )  # fmt: skip
     calibrator.collect_data(Frames(feeds))
     return calibrator.compute_data()
 
