@@ -299,7 +299,9 @@ fn a_detector_that_does_not_fit_is_refused_before_the_first_frame() {
     let folder = tempfile::tempdir().expect("folder");
     let none = ["pillar_features", "pillar_features"];
     assert!(changed_detector(folder.path(), none, &[]).is_ok());
-    let cases: [([&str; 2], &[[&str; 2]], &str); 7] = [
+    // The file, what is replaced in its card, what the error says.
+    type Case<'a> = ([&'a str; 2], &'a [[&'a str; 2]], &'a str);
+    let cases: [Case<'_>; 7] = [
         (
             ["pillar_features", "pillar_weather_"],
             &[],

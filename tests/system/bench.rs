@@ -39,9 +39,12 @@ fn perception(models: &Path) -> Command {
     command
 }
 
+/// A fixture, the id that its copy gets and what is replaced in the copy's card.
+type Change<'a> = (&'a str, &'a str, &'a [(&'a str, &'a str)]);
+
 /// The tiny networks in a folder of their own, with the files of `change` made from them: from, to,
 /// and what to replace in the card.
-fn networks(changes: &[(&str, &str, &[(&str, &str)])]) -> tempfile::TempDir {
+fn networks(changes: &[Change<'_>]) -> tempfile::TempDir {
     let folder = tempfile::tempdir().expect("a folder");
     for (from, to, replace) in changes {
         let fixture = root().join(FIXTURES).join(from);

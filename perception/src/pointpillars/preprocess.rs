@@ -299,7 +299,10 @@ mod tests {
             pillar.points,
             [[0.1, -0.3, -1.0, 0.2], [0.3, -0.1, -2.0, 0.4]]
         );
-        assert_eq!(pillar.center_m, [0.25, -0.25]);
+        assert_eq!(
+            pillar.center_m.map(f32::to_bits),
+            [0.25f32, -0.25].map(f32::to_bits)
+        );
         for (mean, expected) in pillar.mean_m.iter().zip([0.2, -0.2, -1.5]) {
             assert!((mean - expected).abs() < 1e-6, "{pillar:?}");
         }
