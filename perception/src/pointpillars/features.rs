@@ -19,7 +19,7 @@ const LANES: usize = 8;
 
 type Lanes = [f32; LANES];
 
-/// The part of a detector before its graph: `weight` [channels, 9] and `shift` [channels].
+/// The part of a detector before its graph: `weight` [channels, 9] and `shift` of as many numbers.
 #[derive(Debug)]
 pub struct PillarFeatures {
     channels: usize,
