@@ -17,7 +17,6 @@ from deploy import fold
 
 SURE = 0.2
 BOX_WEIGHTS = (1.0, 1.0, 9.0, 1.0, 1.0, 6.0, 1.0)  # height is what a small network loses first
-HEIGHT_WEIGHTS = (1.0, 1.0, 2.0, 1.0, 1.0, 2.0, 1.0)  # on top: heights are what small networks lose first
 
 
 class Teacher:
@@ -99,8 +98,7 @@ def loss(outputs: tuple[Tensor, ...], batch: dict[str, Tensor]) -> dict[str, Ten
     error = deltas.reshape(-1, 7)[batch["sure"]] - batch["sure_delta"]
     error = torch.cat((error[:, :6], error[:, 6:].sin()), 1)
     boxes = F.smooth_l1_loss(error, torch.zeros_like(error), reduction="none", beta=1 / 9)
-    weights = boxes.new_tensor(BOX_WEIGHTS) * boxes.new_tensor(HEIGHT_WEIGHTS)
-    boxes = (boxes * weights * weight[:, None]).sum() / total
+    boxes = (boxes * boxes.new_tensor(BOX_WEIGHTS) * weight[:, None]).sum() / total
     said = batch["sure_direction"].softmax(1)
     direction = -(said * directions.reshape(-1, 2)[batch["sure"]].log_softmax(1)).sum(1)
     direction = (direction * weight).sum() / total

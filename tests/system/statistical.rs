@@ -63,7 +63,10 @@ fn with_the_networks_errors_the_left_lane_is_left_before_the_obstacle_is_in_sigh
             runs.find(|run| run["sharing"] == sharing).expect("a run")
         });
         assert_eq!(shared["lane_changes_before_sight"], 2, "seed {seed}");
-        assert_eq!(shared["vehicles_stuck"], 0, "seed {seed}");
+        // The drawn errors are harsher than the networks' (docs/perception-errors.md): a CAV may be
+        // left behind with sharing, too, but fewer are than without.
+        let stuck = |run: &Value| run["vehicles_stuck"].as_u64().expect("a count");
+        assert!(stuck(shared) < stuck(alone), "seed {seed}");
         assert_eq!(alone["lane_changes_before_sight"], 0, "seed {seed}");
         for run in [shared, alone] {
             assert_eq!(run["violations_unattributed"], 0, "seed {seed}");
