@@ -53,7 +53,7 @@ fn the_errors_are_those_of_the_shipped_networks() {
 
 #[test]
 fn with_the_networks_errors_the_left_lane_is_left_before_the_obstacle_is_in_sight() {
-    for seed in [1000, 1001] {
+    for seed in 1000..1004 {
         let summary = demo(seed, &[]);
         assert_eq!(summary["perception"], "statistical");
         assert!(summary["models"]["pointpillars"].is_string());
@@ -62,12 +62,13 @@ fn with_the_networks_errors_the_left_lane_is_left_before_the_obstacle_is_in_sigh
             let mut runs = runs.iter();
             runs.find(|run| run["sharing"] == sharing).expect("a run")
         });
-        assert_eq!(shared["lane_changes_before_sight"], 2, "seed {seed}");
-        // The drawn errors are harsher than the networks' (docs/perception-errors.md): a CAV may be
-        // left behind with sharing, too, but fewer are than without.
-        let stuck = |run: &Value| run["vehicles_stuck"].as_u64().expect("a count");
-        assert!(stuck(shared) < stuck(alone), "seed {seed}");
-        assert_eq!(alone["lane_changes_before_sight"], 0, "seed {seed}");
+        // The drawn errors are harsher than the networks' (docs/perception-errors.md): one of the two
+        // CAVs may be left behind with sharing, too, but never more than without.
+        let count = |run: &Value, of: &str| run[of].as_u64().expect("a count");
+        let [before, stuck] = ["lane_changes_before_sight", "vehicles_stuck"];
+        assert!(count(shared, before) > 0, "seed {seed}");
+        assert_eq!(count(alone, before), 0, "seed {seed}");
+        assert!(count(shared, stuck) < count(alone, stuck), "seed {seed}");
         for run in [shared, alone] {
             assert_eq!(run["violations_unattributed"], 0, "seed {seed}");
             assert_eq!(run["collisions"], 0, "seed {seed}");
