@@ -54,6 +54,10 @@ pub struct SafetySettings {
     pub sight_memory_s: f64,
     /// Time between the announcement of a lane change and its start.
     pub announcement_s: f64,
+    /// Longest time from first line of sight to a vehicle to a track of it.
+    pub perception_delay_s: f64,
+    /// Age of the oldest measurement that a track may rest on.
+    pub knowledge_age_max_s: f64,
 }
 
 impl Default for SafetySettings {
@@ -81,6 +85,8 @@ impl Default for SafetySettings {
             sight_range_m: 65.0,
             sight_memory_s: 1.0,
             announcement_s: 0.3,
+            perception_delay_s: 1.5,
+            knowledge_age_max_s: 1.0,
         }
     }
 }
@@ -191,6 +197,8 @@ impl ControlSettings {
             ("lane_entry_m", s.lane_entry_m),
             ("sight_memory_s", s.sight_memory_s),
             ("announcement_s", s.announcement_s),
+            ("perception_delay_s", s.perception_delay_s),
+            ("knowledge_age_max_s", s.knowledge_age_max_s),
             ("reference.time_gap_s", r.time_gap_s),
             ("reference.standstill_gap_m", r.standstill_gap_m),
         ];

@@ -216,6 +216,16 @@ impl Cav {
         self.controller.manoeuvre()
     }
 
+    /// How far it takes each lane ahead to be free.
+    pub fn sight(&self) -> Option<&SightLine> {
+        self.sight.as_ref()
+    }
+
+    /// Front to rear axle.
+    pub fn wheelbase_m(&self) -> f64 {
+        self.dimensions.wheelbase_m
+    }
+
     fn is_changing(&self) -> bool {
         matches!(
             self.controller.manoeuvre(),

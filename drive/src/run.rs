@@ -214,7 +214,7 @@ impl<'a> Loop<'a> {
         }
         self.decide(step)?;
         let inputs = self.control();
-        self.watch(step);
+        self.watch(step, &inputs);
         if step.is_multiple_of(TRACE_STEPS) {
             self.record(has_frame, observe)?;
         }
@@ -311,7 +311,7 @@ impl<'a> Loop<'a> {
     }
 
     /// Shows the truth to the monitor.
-    fn watch(&mut self, step: u64) {
+    fn watch(&mut self, step: u64, inputs: &BTreeMap<VehicleId, ControlInput>) {
         let start = Instant::now();
         let time_s = self.traffic.time_s();
         let truth = TrueVehicle::all(&self.traffic);
@@ -326,7 +326,11 @@ impl<'a> Loop<'a> {
             .map(|(cav, tracks)| CavView {
                 id: cav.id,
                 tracks,
+                sight: cav.sight(),
                 manoeuvre: cav.manoeuvre(),
+                state: self.odometry(cav.id).state,
+                wheelbase_m: cav.wheelbase_m(),
+                input: inputs.get(&cav.id).copied(),
             })
             .collect();
         let overlapping = self.traffic.overlapping_pairs();

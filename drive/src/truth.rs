@@ -1,7 +1,9 @@
 use std::collections::BTreeSet;
 
 use covista_traffic::{Traffic, VehicleId, VehicleKind};
-use covista_world::{FrenetPose, LaneIndex, Road, STEP_S, VehicleDimensions, wrap_angle};
+use covista_world::{
+    BicycleState, FrenetPose, LaneIndex, Road, STEP_S, VehicleDimensions, wrap_angle,
+};
 use nalgebra::Vector2;
 
 /// One vehicle as it truly is, along the road.
@@ -38,26 +40,46 @@ impl TrueVehicle {
             .iter()
             .map(|vehicle| {
                 let dimensions = vehicle.dimensions();
-                let pose = vehicle.state.pose;
-                let frenet = vehicle.frenet;
-                let corners = dimensions
-                    .corners_from_axle()
-                    .map(|corner| road.to_frenet_near(pose.transform(corner), frenet.s_m));
-                let center = dimensions.center_pose(pose).position();
-                Self {
-                    id: vehicle.id,
-                    kind: vehicle.kind,
+                let s_m = vehicle.frenet.s_m;
+                Self::new(
+                    vehicle.id,
+                    vehicle.kind,
                     dimensions,
-                    frenet,
-                    s_range_m: range(corners.iter().map(|corner| corner.s_m)),
-                    d_range_m: range(corners.iter().map(|corner| corner.d_m)),
-                    center,
-                    velocity: pose.forward() * vehicle.state.speed_mps,
-                    speed_mps: vehicle.state.speed_mps,
-                    lane: road.lane_at(road.to_frenet_near(center, frenet.s_m).d_m),
-                }
+                    vehicle.state,
+                    s_m,
+                    road,
+                )
             })
             .collect()
+    }
+
+    /// A vehicle with its rear axle at `state`, some metres from `s_hint_m` along the road.
+    pub fn new(
+        id: VehicleId,
+        kind: VehicleKind,
+        dimensions: VehicleDimensions,
+        state: BicycleState,
+        s_hint_m: f64,
+        road: &Road,
+    ) -> Self {
+        let BicycleState { pose, speed_mps } = state;
+        let frenet = road.to_frenet_pose_near(pose, s_hint_m);
+        let corners = dimensions
+            .corners_from_axle()
+            .map(|corner| road.to_frenet_near(pose.transform(corner), frenet.s_m));
+        let center = dimensions.center_pose(pose).position();
+        Self {
+            id,
+            kind,
+            dimensions,
+            frenet,
+            s_range_m: range(corners.iter().map(|corner| corner.s_m)),
+            d_range_m: range(corners.iter().map(|corner| corner.d_m)),
+            center,
+            velocity: pose.forward() * speed_mps,
+            speed_mps,
+            lane: road.lane_at(road.to_frenet_near(center, frenet.s_m).d_m),
+        }
     }
 
     /// Whether the body reaches into `lane`.

@@ -85,7 +85,11 @@ fn causes(
         let view = CavView {
             id: VehicleId(1),
             tracks,
+            sight: None,
             manoeuvre: keep,
+            state: BicycleState::default(),
+            wheelbase_m: 2.51,
+            input: None,
         };
         monitor.observe(time_s, &road(), state, &[view], []);
     }
@@ -99,9 +103,13 @@ fn barriers_in_closed_form() {
     let view = CavView {
         id: VehicleId(1),
         tracks: &[],
+        sight: None,
         manoeuvre: Manoeuvre::KeepLane {
             lane: LaneIndex::RIGHTMOST,
         },
+        state: BicycleState::default(),
+        wheelbase_m: 2.51,
+        input: None,
     };
     monitor.observe(0.0, &road(), &pair, &[view], []);
     let barriers = monitor.barriers_of(VehicleId(1)).expect("a leader");

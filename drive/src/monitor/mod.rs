@@ -1,8 +1,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
-use covista_control::{Manoeuvre, SafetySettings};
+use covista_control::{Manoeuvre, SafetySettings, SightLine};
 use covista_traffic::{VehicleId, VehicleKind};
-use covista_world::{LaneIndex, Road, STEP_S, Track};
+use covista_world::{BicycleState, ControlInput, LaneIndex, Road, STEP_S, Track};
 
 use crate::{
     cause::Cause,
@@ -44,8 +44,16 @@ pub struct CavView<'a> {
     pub id: VehicleId,
     /// What it knows, to tell which assumption broke.
     pub tracks: &'a [Track],
+    /// How far it takes each lane ahead to be free; `None` where it has looked at none yet.
+    pub sight: Option<&'a SightLine>,
     /// What its controller is about.
     pub manoeuvre: Manoeuvre,
+    /// Its true rear axle and speed.
+    pub state: BicycleState,
+    /// Front to rear axle.
+    pub wheelbase_m: f64,
+    /// The input applied from this step to the next; `None` leaves its motion unjudged.
+    pub input: Option<ControlInput>,
 }
 
 #[derive(Debug, Default)]
