@@ -10,6 +10,7 @@
 //! neither rerun nor the command line.
 
 mod bench_frames;
+mod campaign;
 mod cause;
 mod cav;
 mod evaluate;
@@ -23,8 +24,12 @@ mod trace;
 mod truth;
 
 pub use bench_frames::{recorded_bench_frames, rendered_frames};
+pub use campaign::{
+    Broken, CampaignError, CampaignSpec, Family, PLANTS, PlantCover, PlantModel, Stage, StepTiming,
+    Tally, cover_plants, run_campaign, time_control, trace_episode,
+};
 pub use cause::Cause;
-pub use covista_control::ControlSettings;
+pub use covista_control::{ControlSettings, Solver};
 pub use covista_sharing::{ChannelSettings, PoseNoise};
 pub use covista_traffic::{Material, Scenario, Traffic, VehicleKind};
 pub use evaluate::{
