@@ -27,7 +27,6 @@ pub(crate) struct Cav {
     pub preferred: Action,
     /// The same after the safe action mapping.
     pub mapped: Action,
-    pub emergency_stops: usize,
     pub last_output: Option<ControlOutput>,
     /// When each lane change began, in seconds.
     pub lane_changes_s: Vec<f64>,
@@ -73,7 +72,6 @@ impl Cav {
             tracker: Tracker::new(station, dimensions, tracker),
             preferred: Action::KeepLane,
             mapped: Action::KeepLane,
-            emergency_stops: 0,
             last_output: None,
             lane_changes_s: Vec::new(),
             dimensions,
@@ -177,9 +175,6 @@ impl Cav {
         let situation = self.situation(time_s, road, own, &neighbours, &sight);
         let MappedAction { action, .. } =
             safe_action_mapping(values, |action| self.controller.verdict(&situation, action));
-        if action == Action::EmergencyStop {
-            self.emergency_stops += 1;
-        }
         self.mapped = action;
         self.controller.set_action(action, time_s);
         self.announce(time_s);

@@ -288,7 +288,7 @@ impl<'a> Loop<'a> {
                 let own = self.odometry(self.cavs[index].id);
                 let cav = &mut self.cavs[index];
                 cav.decide(time_s, self.traffic.road(), &own)?;
-                self.tally.takes(cav.mapped, own.accel_mps2);
+                self.tally.takes(cav, own.accel_mps2);
             }
         }
         self.tally.stages.planner_s += start.elapsed().as_secs_f64();
