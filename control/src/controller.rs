@@ -1,23 +1,25 @@
-use std::collections::BTreeMap;
-
 use covista_world::{
     Action, ActionVerdict, BarrierKind, ControlInput, FilterOutcome, LaneIndex, STEP_S,
 };
 
-use crate::barriers::lateral::{Lateral, is_parallel, strip_of, tan_delta_limit};
-use crate::barriers::{ROUNDING_M, Row};
-use crate::filter::{backup, filter};
-use crate::manoeuvre::{Course, lane_of};
-use crate::path::LateralPath;
-use crate::qp::Bounds;
+use crate::barriers::Row;
+use crate::barriers::affine::{AffineBarrier, AffineRow, Dynamics};
+use crate::barriers::bounds::Bounds;
+use crate::execution::Execution;
+use crate::filter::{Filtered, filter};
+use crate::manoeuvre::Course;
+use crate::memory::{Excused, Memory};
+use crate::qp::Qp;
 use crate::reference::reference;
-use crate::rows::{Rows, rows};
-use crate::situation::LaneSet;
-use crate::verdict::verdict;
-use crate::{ControlSettings, Manoeuvre, SettingsError, Situation};
+use crate::rows::{Rows, shortfall};
+use crate::validator::{backup, is_valid};
+use crate::verdict::Judge;
+use crate::{
+    ControlSettings, Formulation, Manoeuvre, Mode, SafetySettings, SettingsError, Situation, paper,
+};
 
 /// The control input of one step and how it came about.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ControlOutput {
     /// The safe input to apply.
     pub u: ControlInput,
@@ -25,6 +27,9 @@ pub struct ControlOutput {
     pub u_nominal: ControlInput,
     /// What became of the reference.
     pub outcome: FilterOutcome,
+    /// Whether it is an emergency stop (Alg. 1): hardest braking within the lane, for which the
+    /// planner's reward has a penalty.
+    pub emergency: bool,
     /// Smallest h of the front and sight rows, towards the worst member of each estimate.
     pub h_m: f64,
     /// Smallest h_0 of the front rows; infinite with nobody ahead.
@@ -33,50 +38,26 @@ pub struct ControlOutput {
     pub h_lateral_m: f64,
     /// The row that moved the input away from the reference.
     pub binding: Option<BarrierKind>,
-    /// Front rows with h < 0, and why that is no fault of the controller.
-    pub excused: Vec<Excused>,
+    /// zeta: by how much the hard rows are missed, in units of h.
+    pub slack: f64,
+    /// zeta / eta, by which Theorem 2 enlarges the safe set that stays invariant.
+    pub enlargement: f64,
     /// Acceleration that the rows towards followers ask for beyond what is applied.
     pub rear_slack_mps2: f64,
-}
-
-/// A front row with h < 0.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Excused {
-    /// The neighbour's id.
-    pub neighbour: u32,
-    /// The assumption that broke.
-    pub excuse: Excuse,
-}
-
-/// Why h < 0 towards a neighbour.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Excuse {
-    /// It came into the lane from beside.
-    CutIn,
-    /// It was not known before.
-    Revealed,
-    /// It stands, and the ego vehicle leaves the lane round it.
-    Leaving,
-    /// Its estimate was revised by more than the bounds on the error.
-    Revised,
 }
 
 /// The controller of one CAV.
 #[derive(Debug, Clone)]
 pub struct Controller {
     settings: ControlSettings,
-    manoeuvre: Manoeuvre,
-    action: Action,
-    path: Option<LateralPath>,
+    execution: Execution,
     last: ControlInput,
-    known: BTreeMap<u32, Known>,
-}
-
-/// What was known of a neighbour in the step before.
-#[derive(Debug, Clone, Copy)]
-struct Known {
-    lanes: LaneSet,
-    excuse: Option<Excuse>,
+    memory: Memory,
+    barriers: Vec<AffineBarrier>,
+    qp: Qp,
+    // Storage of one step, used again in the next.
+    rows: Rows,
+    affine: Vec<AffineRow>,
 }
 
 impl Controller {
@@ -87,56 +68,69 @@ impl Controller {
     pub fn new(settings: ControlSettings, lane: LaneIndex) -> Result<Self, SettingsError> {
         settings.validate()?;
         Ok(Self {
-            settings,
-            manoeuvre: Manoeuvre::KeepLane { lane },
-            action: Action::KeepLane,
-            path: None,
+            settings: settings.effective(),
+            execution: Execution::new(lane),
             last: ControlInput::default(),
-            known: BTreeMap::new(),
+            memory: Memory::default(),
+            barriers: Vec::new(),
+            qp: Qp::default(),
+            rows: Rows::default(),
+            affine: Vec::new(),
         })
+    }
+
+    /// Adds a barrier of one's own: h = p'x + q in road coordinates x = [s, d, psi, v]. Its row is
+    /// p'g(x) u, with which steering and acceleration are coupled, so that Clarabel solves the QP.
+    ///
+    /// # Errors
+    /// When a number is not finite.
+    pub fn add_barrier(&mut self, barrier: AffineBarrier) -> Result<(), SettingsError> {
+        if !barrier.is_finite() {
+            return Err(SettingsError::Barrier);
+        }
+        self.barriers.push(barrier);
+        Ok(())
     }
 
     /// What the vehicle is about; `manoeuvre().action()` is what it should tell others.
     pub fn manoeuvre(&self) -> Manoeuvre {
-        self.manoeuvre
+        self.execution.manoeuvre()
     }
 
-    /// The settings.
+    /// The settings; without noise where the formulation has none.
     pub fn settings(&self) -> &ControlSettings {
         &self.settings
     }
 
-    /// Whether `action` is safe now (Alg. 1, line 2).
+    /// The neighbours towards which h < 0 in the last step, and why.
+    pub fn excused(&self) -> &[Excused] {
+        self.memory.excused()
+    }
+
+    /// Whether `action` is safe now (Alg. 1, line 2), and if not, which row says so.
     ///
-    /// While a lane change runs, keeping lane and the running change are safe: both mean to go on.
+    /// While a lane change runs, its own action stands for going on and keeping lane for going back.
     pub fn verdict(&self, situation: &Situation<'_>, action: Action) -> ActionVerdict {
-        verdict(situation, &self.manoeuvre, action, &self.settings.safety)
+        let manoeuvre = self.manoeuvre();
+        let judge = self.judge(situation);
+        match self.settings.mode {
+            Mode::Safe => judge.verdict(&manoeuvre, action),
+            Mode::Off => judge.possible(&manoeuvre, action),
+            // Its QP has a solution whatever the action, but for the one without slack.
+            Mode::Paper => match judge.possible(&manoeuvre, action) {
+                ActionVerdict::Safe if self.settings.qp.formulation == Formulation::NoiseFree => {
+                    self.paper_verdict(situation, action)
+                }
+                possible => possible,
+            },
+        }
     }
 
     /// Takes the behaviour of the coming behaviour step. A lane change is announced first and
-    /// starts when its verdict is still safe then; one that runs is finished, whatever the action.
+    /// starts when its verdict is still safe then; keeping lane while it runs gives it up, if the
+    /// way back is safe.
     pub fn set_action(&mut self, action: Action, time_s: f64) {
-        self.action = action;
-        self.manoeuvre = match self.manoeuvre {
-            Manoeuvre::KeepLane { lane } | Manoeuvre::Announced { lane, .. } => {
-                match lane_of(lane, action) {
-                    Some(to) => self.announced(lane, to, time_s),
-                    None => Manoeuvre::KeepLane { lane },
-                }
-            }
-            running @ (Manoeuvre::ChangeLane { .. } | Manoeuvre::Abort { .. }) => running,
-        };
-    }
-
-    fn announced(&self, lane: LaneIndex, to: LaneIndex, time_s: f64) -> Manoeuvre {
-        match self.manoeuvre {
-            same @ Manoeuvre::Announced { to: before, .. } if before == to => same,
-            _ => Manoeuvre::Announced {
-                lane,
-                to,
-                since_s: time_s,
-            },
-        }
+        self.execution.set_action(action, time_s);
     }
 
     /// One step at 100 Hz: moves the manoeuvre on and gives the input to apply.
@@ -145,251 +139,215 @@ impl Controller {
             return self.blind_backup(situation);
         }
         self.advance(situation);
-        let course = self.course(situation);
-        let mut rows = rows(situation, &course, &self.settings.safety);
-        let path = *self.path.get_or_insert_with(|| {
-            let lane = self.manoeuvre.lane();
-            LateralPath::constant(situation.road.lane_center_m(lane))
-        });
-        let mut u_nominal = reference(
-            situation,
-            &course,
-            &path,
-            self.last.accel_mps2,
-            &self.settings,
-        );
-        if self.action == Action::EmergencyStop {
-            u_nominal.accel_mps2 = rows.bounds.accel_min_mps2;
+        let course = self.execution.course(situation);
+        let path = self.execution.path(situation);
+        let last_mps2 = self.last.accel_mps2;
+        let u_nominal = reference(situation, &course, &path, last_mps2, &self.settings);
+        self.filtered(situation, &course, u_nominal)
+    }
+
+    /// As [`Controller::control`], for any nominal input instead of the reference.
+    pub fn filter(&mut self, situation: &Situation<'_>, u_nominal: ControlInput) -> ControlOutput {
+        if !is_usable(situation) {
+            return self.blind_backup(situation);
         }
-        let rear_needs_mps2 = rows
-            .rear
-            .iter()
-            .map(|row| row.lower.min(rows.bounds.accel_max_mps2))
+        self.advance(situation);
+        let course = self.execution.course(situation);
+        self.filtered(situation, &course, u_nominal)
+    }
+
+    fn advance(&mut self, situation: &Situation<'_>) {
+        let judge = Judge {
+            situation,
+            memory: &self.memory,
+            safety: &self.settings.safety,
+        };
+        self.execution.advance(&judge, &self.rows, &self.settings);
+    }
+
+    fn filtered(
+        &mut self,
+        situation: &Situation<'_>,
+        course: &Course,
+        u_nominal: ControlInput,
+    ) -> ControlOutput {
+        let settings = self.settings;
+        let safety = &settings.safety;
+        let ego = &situation.ego;
+        let (v, wheelbase_m) = (ego.state.speed_mps, ego.dimensions.wheelbase_m);
+        self.rows.collect(situation, course, &self.memory, safety);
+        let emergency = self.execution.action() == Action::EmergencyStop;
+        let u_nominal = ControlInput {
+            accel_mps2: if emergency {
+                self.rows.bounds.accel_min_mps2
+            } else {
+                u_nominal.accel_mps2
+            },
+            ..u_nominal
+        };
+        let rear_needs_mps2 = (self.rows.rear.iter())
+            .map(|row| row.lower.min(self.rows.bounds.accel_max_mps2))
             .fold(f64::NEG_INFINITY, f64::max);
-        self.yield_to_front(&mut rows);
-        let filtered = filter(u_nominal, &rows, self.last.tan_delta);
+        self.yield_to_front(emergency);
+        let mut filtered = self.answer(situation, course, u_nominal);
+        let mut slack = 0.0;
+        if filtered.outcome == FilterOutcome::Relaxed && settings.mode == Mode::Safe {
+            slack = shortfall(situation, course, &self.memory, safety, filtered.u);
+            slack =
+                (self.affine.iter()).fold(slack, |most, row| most.max(row.shortfall(filtered.u)));
+            let allowed = settings.qp.formulation != Formulation::NoiseFree;
+            if !allowed || slack > settings.qp.slack_max {
+                filtered.outcome = FilterOutcome::Backup;
+                filtered.u.accel_mps2 = self.rows.bounds.accel_min_mps2;
+            }
+        }
+        if !is_valid(filtered.u, v, wheelbase_m, safety) {
+            filtered.outcome = FilterOutcome::Backup;
+            filtered.u = backup(v, wheelbase_m, self.last.tan_delta, safety);
+        }
         self.last = filtered.u;
-        let rear_slack_mps2 = (rear_needs_mps2 - filtered.u.accel_mps2).max(0.0);
+        self.memory.update(situation.neighbours, &self.rows.hard);
         ControlOutput {
             u: filtered.u,
             u_nominal,
             outcome: filtered.outcome,
-            h_m: smallest(&rows, |row| row.h),
-            h0_m: smallest(&rows, |row| row.h0_m),
-            h_lateral_m: rows.h_lateral_m,
+            emergency,
+            h_m: smallest(&self.rows, |row| row.h),
+            h0_m: smallest(&self.rows, |row| row.h0_m),
+            h_lateral_m: self.rows.h_lateral_m,
             binding: filtered.binding,
-            excused: self.excuses(situation, &rows),
-            rear_slack_mps2,
+            slack,
+            enlargement: slack / safety.eta,
+            rear_slack_mps2: (rear_needs_mps2 - filtered.u.accel_mps2).max(0.0),
         }
+    }
+
+    /// What the mode makes of the nominal input.
+    fn answer(
+        &mut self,
+        situation: &Situation<'_>,
+        course: &Course,
+        u_nominal: ControlInput,
+    ) -> Filtered {
+        let settings = self.settings;
+        self.affine.clear();
+        match settings.mode {
+            Mode::Off => {
+                return Filtered {
+                    u: self.rows.bounds.clamp(u_nominal),
+                    outcome: FilterOutcome::Nominal,
+                    binding: None,
+                };
+            }
+            Mode::Paper => {
+                let rows = paper::rows(situation, course, &settings.safety, &settings.qp);
+                self.affine.extend(rows);
+                let u_nominal = self.rows.bounds.clamp(u_nominal);
+                return paper::answer(
+                    u_nominal,
+                    &self.affine,
+                    self.rows.bounds,
+                    &mut self.qp,
+                    &settings.qp,
+                );
+            }
+            Mode::Safe => {
+                let rows = own_rows(&self.barriers, situation, &settings.safety);
+                self.affine.extend(rows);
+            }
+        }
+        filter(
+            u_nominal,
+            &self.rows,
+            &self.affine,
+            &mut self.qp,
+            settings.solver,
+            &settings.qp,
+        )
     }
 
     /// A lane change that has begun does not brake for comfort before a follower, but speeds up
     /// for none, and an emergency stop heeds none.
-    fn yield_to_front(&self, rows: &mut Rows) {
-        if self.action == Action::EmergencyStop {
-            rows.rear.clear();
+    fn yield_to_front(&mut self, emergency: bool) {
+        if emergency {
+            self.rows.rear.clear();
         }
-        for row in &mut rows.rear {
+        for row in &mut self.rows.rear {
             row.lower = row.lower.min(0.0);
         }
     }
 
-    fn course(&self, situation: &Situation<'_>) -> Course {
-        let change = |from: LaneIndex, to: LaneIndex| {
-            let (right_m, left_m) = situation.ego.lateral_extent_m(situation.road);
-            let covered = LaneSet::between(situation.road, right_m, left_m, 0.0);
-            let heads_away = situation.ego.frenet.d_m;
-            let left = !covered.contains(from)
-                && (heads_away - situation.road.lane_center_m(to)).abs()
-                    < situation.road.lane_width_m() / 2.0;
-            Course {
-                current: (!left).then_some(from),
-                ..Course::change(from, to)
-            }
-        };
-        match self.manoeuvre {
-            Manoeuvre::KeepLane { lane } | Manoeuvre::Announced { lane, .. } => Course::keep(lane),
-            Manoeuvre::ChangeLane { from, to, .. } => change(from, to),
-            Manoeuvre::Abort { from, back } => change(from, back),
+    fn judge<'a>(&'a self, situation: &'a Situation<'a>) -> Judge<'a> {
+        Judge {
+            situation,
+            memory: &self.memory,
+            safety: &self.settings.safety,
         }
     }
 
-    /// Starts an announced change that is safe, aborts one that no longer is, ends one that is
-    /// done.
-    fn advance(&mut self, situation: &Situation<'_>) {
-        match self.manoeuvre {
-            Manoeuvre::KeepLane { .. } => {}
-            Manoeuvre::Announced { lane, to, since_s } => {
-                let due = situation.time_s >= since_s + self.settings.safety.announcement_s - 1e-9;
-                let action = self.manoeuvre.action();
-                if due && self.verdict(situation, action) == ActionVerdict::Safe {
-                    self.manoeuvre = Manoeuvre::ChangeLane {
-                        from: lane,
-                        to,
-                        announced_s: since_s,
-                        started_s: situation.time_s,
-                    };
-                    self.path = Some(self.change_path(situation, to));
-                }
-            }
-            Manoeuvre::ChangeLane { from, to, .. } => {
-                if self.is_done(situation, to) {
-                    self.keep(situation, to);
-                } else if self.must_abort(situation, from, to) {
-                    self.manoeuvre = Manoeuvre::Abort {
-                        from: to,
-                        back: from,
-                    };
-                    self.path = Some(self.change_path(situation, from));
-                }
-            }
-            Manoeuvre::Abort { back, .. } => {
-                if self.is_done(situation, back) {
-                    self.keep(situation, back);
-                }
-            }
-        }
-    }
-
-    fn keep(&mut self, situation: &Situation<'_>, lane: LaneIndex) {
-        self.manoeuvre = Manoeuvre::KeepLane { lane };
-        self.path = Some(LateralPath::constant(situation.road.lane_center_m(lane)));
-    }
-
-    /// A quintic to the centre of `to`: as long as a lane change takes in time, but longer where
-    /// the road's own curvature leaves less lateral acceleration, and no shorter than a vehicle
-    /// near standstill needs to get round one that stands.
-    fn change_path(&self, situation: &Situation<'_>, to: LaneIndex) -> LateralPath {
-        let settings = &self.settings.reference;
-        let (road, ego) = (situation.road, &situation.ego);
-        let v = ego.state.speed_mps;
-        let to_m = road.lane_center_m(to);
-        let by_time_m = settings.lane_change_s * v;
-        let reach_m = ego.frenet.s_m + 2.0 * by_time_m;
-        let road_accel = v * v * road.max_abs_curvature(ego.frenet.s_m, reach_m);
-        let left_accel = (settings.lateral_accel_mps2 - road_accel).max(0.5);
-        // The peak of a quintic's second derivative is 10 / sqrt(3) rise / length^2.
-        let rise = (to_m - ego.frenet.d_m).abs();
-        let by_accel_m = v * (10.0 / 3.0_f64.sqrt() * rise / left_accel).sqrt();
-        let length_m = by_time_m.max(by_accel_m).max(settings.lane_change_min_m);
-        let stretch = 1.0 - ego.frenet.curvature_per_m * ego.frenet.d_m;
-        let slope = ego.frenet.psi_rad.clamp(-0.5, 0.5).tan() * stretch;
-        LateralPath::quintic(ego.frenet.s_m, length_m, ego.frenet.d_m, slope, to_m)
-    }
-
-    fn is_done(&self, situation: &Situation<'_>, lane: LaneIndex) -> bool {
-        let (road, ego) = (situation.road, &situation.ego);
-        let path_ends = self
-            .path
-            .is_none_or(|path| ego.frenet.s_m >= path.end_s_m());
-        let strip = strip_of(road, &[lane]);
-        let lateral = Lateral::new(road, ego, strip, &self.settings.safety);
-        path_ends && is_parallel(ego.frenet.psi_rad) && lateral.h_m() >= 0.0
-    }
-
-    /// A change is aborted when the target lane's collision level breaks, or an emergency stop is
-    /// asked for, while the body's greater part is in the old lane and that lane is safe.
-    fn must_abort(&self, situation: &Situation<'_>, from: LaneIndex, to: LaneIndex) -> bool {
-        let road = situation.road;
+    /// Whether the paper's QP without slack has a solution.
+    fn paper_verdict(&self, situation: &Situation<'_>, action: Action) -> ActionVerdict {
+        let course = self.execution.course_of(situation, action);
         let ego = &situation.ego;
-        let middle_m = 0.5 * (road.lane_center_m(from) + road.lane_center_m(to));
-        let ahead_m = ego.dimensions.center_ahead_of_axle_m() * ego.frenet.psi_rad.sin();
-        let side = ego.frenet.d_m + ahead_m - middle_m;
-        let in_old_lane = side * (road.lane_center_m(from) - middle_m) > 0.0;
-        if !in_old_lane {
-            return false;
-        }
-        let all = rows(situation, &Course::change(from, to), &self.settings.safety);
-        let is_broken = |kind: BarrierKind| {
-            all.hard
-                .iter()
-                .chain(&all.rear)
-                .any(|row| row.kind == kind && row.h0_m < -ROUNDING_M)
-        };
-        let threatened = is_broken(BarrierKind::FrontTarget) || is_broken(BarrierKind::RearTarget);
-        (threatened || self.action == Action::EmergencyStop)
-            && !is_broken(BarrierKind::FrontCurrent)
-    }
-
-    fn excuses(&mut self, situation: &Situation<'_>, rows: &Rows) -> Vec<Excused> {
-        let mut excused = Vec::new();
-        let mut now = BTreeMap::new();
-        for neighbour in situation.neighbours {
-            let before = self.known.get(&neighbour.id);
-            let broken = rows
-                .hard
-                .iter()
-                .find(|row| row.neighbour == Some(neighbour.id) && row.h < -ROUNDING_M);
-            let excuse = broken.map(|row| {
-                before
-                    .and_then(|known| known.excuse)
-                    .unwrap_or_else(|| self.why(row, before, neighbour.lanes, situation))
-            });
-            excused.extend(excuse.map(|excuse| Excused {
-                neighbour: neighbour.id,
-                excuse,
-            }));
-            let known = Known {
-                lanes: neighbour.lanes,
-                excuse,
-            };
-            now.insert(neighbour.id, known);
-        }
-        self.known = now;
-        excused
-    }
-
-    fn why(
-        &self,
-        row: &Row,
-        before: Option<&Known>,
-        lanes: LaneSet,
-        situation: &Situation<'_>,
-    ) -> Excuse {
-        let slow = situation.ego.state.speed_mps <= self.settings.safety.leaving_speed_mps;
-        let changes = matches!(self.manoeuvre, Manoeuvre::ChangeLane { .. });
-        match before {
-            None => Excuse::Revealed,
-            Some(known) if known.lanes != lanes => Excuse::CutIn,
-            Some(_) if changes && slow && row.kind == BarrierKind::FrontCurrent => Excuse::Leaving,
-            Some(_) => Excuse::Revised,
+        let safety = &self.settings.safety;
+        let bounds = Bounds::new(ego.state.speed_mps, ego.dimensions.wheelbase_m, safety);
+        let rows: Vec<_> = paper::rows(situation, &course, safety, &self.settings.qp).collect();
+        let u = bounds.clamp(ControlInput::default());
+        let answer = paper::answer(u, &rows, bounds, &mut Qp::default(), &self.settings.qp);
+        match (answer.outcome, answer.binding) {
+            (FilterOutcome::Backup, Some(kind)) => ActionVerdict::Unsafe(kind),
+            _ => ActionVerdict::Safe,
         }
     }
 
     /// The answer to an input that is no number: brake, and hold the steering.
     fn blind_backup(&mut self, situation: &Situation<'_>) -> ControlOutput {
-        let safety = &self.settings.safety;
-        let v = situation.ego.state.speed_mps;
-        let speed_mps = if v.is_finite() {
-            v.max(0.0)
-        } else {
-            f64::INFINITY
-        };
-        let wheelbase_m = situation.ego.dimensions.wheelbase_m;
-        let limit = if speed_mps.is_finite() && wheelbase_m.is_finite() {
-            tan_delta_limit(speed_mps, wheelbase_m, safety)
-        } else {
-            self.last.tan_delta.abs()
-        };
-        let bounds = Bounds {
-            tan_delta: limit,
-            accel_min_mps2: (-safety.brake_mps2).max(-speed_mps / STEP_S),
-            accel_max_mps2: safety.accel_max_mps2,
-        };
-        let u = backup(bounds, self.last.tan_delta);
+        let ego = &situation.ego;
+        let u = backup(
+            ego.state.speed_mps,
+            ego.dimensions.wheelbase_m,
+            self.last.tan_delta,
+            &self.settings.safety,
+        );
         self.last = u;
         ControlOutput {
             u,
             u_nominal: u,
             outcome: FilterOutcome::Backup,
+            emergency: false,
             h_m: f64::NEG_INFINITY,
             h0_m: f64::NEG_INFINITY,
             h_lateral_m: f64::NEG_INFINITY,
             binding: None,
-            excused: Vec::new(),
+            slack: 0.0,
+            enlargement: 0.0,
             rear_slack_mps2: 0.0,
         }
     }
+}
+
+/// The rows of the user's barriers, with the noise term -|p|_1 W of each component.
+fn own_rows<'a>(
+    barriers: &'a [AffineBarrier],
+    situation: &Situation<'_>,
+    safety: &SafetySettings,
+) -> impl Iterator<Item = AffineRow> + use<'a> {
+    let ego = &situation.ego;
+    let (v, wheelbase_m) = (ego.state.speed_mps, ego.dimensions.wheelbase_m);
+    let dynamics = Dynamics::new(&ego.frenet, v, wheelbase_m);
+    let moving = if v > 0.0 { 1.0 } else { 0.0 };
+    let step_m = v * STEP_S;
+    let noise = [
+        moving * safety.noise_position_m * situation.profile.longest_metre(),
+        step_m * safety.noise_slip_rad + moving * safety.noise_position_m,
+        step_m * safety.noise_curvature_per_m,
+        safety.noise_speed_mps,
+    ];
+    let eta = safety.eta;
+    (0_u16..).zip(barriers).map(move |(i, barrier)| {
+        let worst: f64 = barrier.p.iter().zip(noise).map(|(p, w)| p.abs() * w).sum();
+        barrier.row(BarrierKind::Affine(i), &dynamics, eta, worst)
+    })
 }
 
 fn is_usable(situation: &Situation<'_>) -> bool {
@@ -397,7 +355,7 @@ fn is_usable(situation: &Situation<'_>) -> bool {
         && situation.ego.state.speed_mps >= 0.0
         && situation.time_s.is_finite()
         && situation.desired_speed_mps.is_finite()
-        && LaneIndex::all().all(|lane| !situation.sight.clear_s_m(lane).is_nan())
+        && situation.sight.is_usable()
         && situation.neighbours.iter().all(crate::Neighbour::is_finite)
 }
 

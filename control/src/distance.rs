@@ -1,6 +1,7 @@
 use covista_world::STEP_S;
 
 use crate::SafetySettings;
+use crate::monotone::largest;
 
 /// How two vehicles in line close in on each other when both brake as hard as they can.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -73,11 +74,10 @@ impl Closing {
     }
 
     /// Largest speed up to `ceiling_mps` with D(v, v_k) <= `budget_m`; `None` when there is none.
-    ///
-    /// D rises with v, so bisection is exact to rounding.
     pub fn max_speed_mps(&self, budget_m: f64, leader_mps: f64, ceiling_mps: f64) -> Option<f64> {
-        let fits = |v: f64| self.distance_m(v, leader_mps) <= budget_m;
-        largest(0.0, ceiling_mps, fits)
+        largest(0.0, ceiling_mps, |v| {
+            budget_m - self.distance_m(v, leader_mps)
+        })
     }
 }
 
@@ -85,27 +85,6 @@ impl Closing {
 /// that is a whole number of losses from flickering with rounding.
 fn steps_to_stop(speed_mps: f64, loss_mps: f64) -> f64 {
     (speed_mps / loss_mps - 1e-9).ceil().max(0.0)
-}
-
-/// Largest x in `[low, high]` for which a condition holds that, once false, stays false; `None`
-/// when it does not hold at `low`.
-pub(crate) fn largest(low: f64, high: f64, holds: impl Fn(f64) -> bool) -> Option<f64> {
-    if !holds(low) {
-        return None;
-    }
-    if holds(high) {
-        return Some(high);
-    }
-    let (mut yes, mut no) = (low, high);
-    for _ in 0..60 {
-        let middle = 0.5 * (yes + no);
-        if holds(middle) {
-            yes = middle;
-        } else {
-            no = middle;
-        }
-    }
-    Some(yes)
 }
 
 #[cfg(test)]

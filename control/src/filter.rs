@@ -1,93 +1,138 @@
 use covista_world::{BarrierKind, ControlInput, FilterOutcome};
 
-use crate::barriers::Row;
-use crate::qp::{self, Bounds};
+use crate::barriers::affine::AffineRow;
+use crate::barriers::bounds::Bounds;
+use crate::barriers::{Input, Row};
+use crate::qp::{Inequality, Qp};
 use crate::rows::Rows;
+use crate::{QpSettings, Solver};
 
 /// What the filter makes of a reference.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Filtered {
-    /// The input to apply.
+    /// The input nearest to the reference.
     pub u: ControlInput,
-    /// How it came about.
+    /// `Nominal`, `Filtered` or `Relaxed`; `Backup` where there is no answer.
     pub outcome: FilterOutcome,
     /// The row that moved it.
     pub binding: Option<BarrierKind>,
 }
 
-/// The input nearest to the reference within the safe set.
+/// How far an interval may be turned inside out by rounding.
+const ROUNDING: f64 = 1e-9;
+
+/// The input nearest to the reference within the safe set, zeta = 0; where there is none, the one
+/// that misses the rows least: first those towards followers (the lane change has begun, the front
+/// has precedence), then the others, U never.
 ///
-/// A reference that meets every row is the QP's minimiser itself. Otherwise Clarabel solves the
-/// QP with zeta = 0; only when that has no solution are rows relaxed: first those towards
-/// followers (the lane change has begun, the front has precedence), then all others. An answer
-/// counts only when it is finite and within U; failing that comes hardest braking.
-pub fn filter(reference: ControlInput, rows: &Rows, last_tan_delta: f64) -> Filtered {
-    let every: Vec<Row> = rows.hard.iter().chain(&rows.rear).copied().collect();
-    if is_within(reference, rows.bounds) && every.iter().all(|row| row.admits(reference)) {
+/// The rows are intervals, so that the QP is a projection with a closed form. `affine` rows couple
+/// the inputs: with them the answer is Clarabel's.
+pub fn filter(
+    reference: ControlInput,
+    rows: &Rows,
+    affine: &[AffineRow],
+    qp: &mut Qp,
+    solver: Solver,
+    settings: &QpSettings,
+) -> Filtered {
+    let is_met = |u: ControlInput| {
+        is_within(u, rows.bounds)
+            && every(rows).all(|row| row.admits(u))
+            && affine.iter().all(|row| row.shortfall(u) <= ROUNDING)
+    };
+    if is_met(reference) {
         return Filtered {
             u: reference,
             outcome: FilterOutcome::Nominal,
             binding: None,
         };
     }
+    let answer = if solver == Solver::ClosedForm && affine.is_empty() {
+        Some(project(reference, rows))
+    } else {
+        solve(reference, rows, affine, qp, settings)
+    };
+    let answer = answer.map(|u| rows.bounds.clamp(u));
+    let binding = binding(reference, rows, affine);
+    match answer {
+        Some(u) => Filtered {
+            u,
+            outcome: if nearly_met(u, rows, affine) {
+                FilterOutcome::Filtered
+            } else {
+                FilterOutcome::Relaxed
+            },
+            binding,
+        },
+        None => Filtered {
+            u: reference,
+            outcome: FilterOutcome::Backup,
+            binding,
+        },
+    }
+}
+
+/// The closed form.
+fn project(reference: ControlInput, rows: &Rows) -> ControlInput {
+    let (least_tan, most_tan) = rows.interval(Input::TanDelta);
+    let (_, most_accel) = rows.interval(Input::Accel);
+    let follower = (rows.rear.iter()).fold(f64::NEG_INFINITY, |least, row| least.max(row.lower));
+    ControlInput {
+        tan_delta: if least_tan <= most_tan {
+            reference.tan_delta.max(least_tan).min(most_tan)
+        } else {
+            // Where the rows exclude each other, each is missed by as much.
+            0.5 * (least_tan.max(-rows.bounds.tan_delta) + most_tan.min(rows.bounds.tan_delta))
+        },
+        accel_mps2: reference.accel_mps2.max(follower).min(most_accel),
+    }
+}
+
+/// The same by Clarabel: with zeta = 0; then with slack for followers; then for every row.
+fn solve(
+    reference: ControlInput,
+    rows: &Rows,
+    affine: &[AffineRow],
+    qp: &mut Qp,
+    settings: &QpSettings,
+) -> Option<ControlInput> {
     // Braking that is just hard enough leaves no interior; a hair of room restores it.
     let roomy = Bounds {
         accel_min_mps2: rows.bounds.accel_min_mps2 - 1e-6,
         ..rows.bounds
     };
-    let is_rear = |row: &Row| row.kind == BarrierKind::RearTarget;
-    let solution = qp::solve(reference, &every, roomy)
-        .or_else(|| {
-            (!rows.rear.is_empty())
-                .then(|| qp::solve_relaxed(reference, &every, roomy, is_rear))
-                .flatten()
-        })
-        .or_else(|| qp::solve_relaxed(reference, &rows.hard, roomy, |_| true));
-    let valid = solution
-        .map(|solution| (clamp(solution.u, rows.bounds), solution.slack))
-        .filter(|(u, _)| is_within(*u, rows.bounds));
-    match valid {
-        Some((u, slack)) => Filtered {
-            u,
-            outcome: if slack > 0.0 {
-                FilterOutcome::Relaxed
-            } else {
-                FilterOutcome::Filtered
-            },
-            binding: binding(reference, &every),
-        },
-        None => Filtered {
-            u: backup(rows.bounds, last_tan_delta),
-            outcome: FilterOutcome::Backup,
-            binding: binding(reference, &every),
-        },
-    }
+    let stages = [(false, false), (false, true), (true, true)];
+    stages.into_iter().find_map(|(soft, soft_rear)| {
+        let hard = (rows.hard.iter()).flat_map(|row| Inequality::of_row(row, soft));
+        let rear = (rows.rear.iter()).flat_map(|row| Inequality::of_row(row, soft_rear));
+        let affine = (affine.iter()).map(|row| Inequality::of_affine(row, soft));
+        let inequalities = hard.chain(rear).chain(affine);
+        qp.solve(reference, inequalities, roomy, settings.slack_price)
+            .map(|solution| solution.u)
+    })
 }
 
-/// Hardest braking, with the steering held as far as the tyres allow.
-pub fn backup(bounds: Bounds, last_tan_delta: f64) -> ControlInput {
-    ControlInput {
-        tan_delta: last_tan_delta.clamp(-bounds.tan_delta, bounds.tan_delta),
-        accel_mps2: bounds.accel_min_mps2,
-    }
+fn every(rows: &Rows) -> impl Iterator<Item = &Row> {
+    rows.hard.iter().chain(&rows.rear)
+}
+
+/// Whether `u` meets every row, but for rounding.
+fn nearly_met(u: ControlInput, rows: &Rows, affine: &[AffineRow]) -> bool {
+    every(rows).all(|row| row.violation(u) <= 10.0 * ROUNDING)
+        && affine.iter().all(|row| row.shortfall(u) <= 10.0 * ROUNDING)
 }
 
 /// The row that the reference violates most, in shares of its own scale.
-fn binding(reference: ControlInput, rows: &[Row]) -> Option<BarrierKind> {
-    rows.iter()
-        .map(|row| (row.violation(reference), row.kind))
+fn binding(reference: ControlInput, rows: &Rows, affine: &[AffineRow]) -> Option<BarrierKind> {
+    let of_rows = every(rows).map(|row| (row.violation(reference), row.kind));
+    let of_affine = affine
+        .iter()
+        .map(|row| (row.shortfall(reference), row.kind));
+    of_rows
+        .chain(of_affine)
         .filter(|(violation, _)| *violation > 0.0)
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, kind)| kind)
-}
-
-fn clamp(u: ControlInput, bounds: Bounds) -> ControlInput {
-    ControlInput {
-        tan_delta: u.tan_delta.clamp(-bounds.tan_delta, bounds.tan_delta),
-        accel_mps2: u
-            .accel_mps2
-            .clamp(bounds.accel_min_mps2, bounds.accel_max_mps2),
-    }
 }
 
 fn is_within(u: ControlInput, bounds: Bounds) -> bool {

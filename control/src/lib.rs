@@ -21,12 +21,20 @@
 //!
 //! The flow of one step is [`Controller::control`]: manoeuvre, reference, rows, filter.
 
+mod arc;
 mod barriers;
 mod controller;
 mod distance;
+mod execution;
 mod filter;
+mod lanes;
 mod manoeuvre;
+mod memory;
+mod monotone;
+mod neighbour;
+mod paper;
 mod path;
+mod profile;
 mod qp;
 mod reference;
 mod rows;
@@ -35,11 +43,20 @@ mod sight;
 mod situation;
 #[cfg(test)]
 mod tests;
+mod validator;
 mod verdict;
 
-pub use controller::{ControlOutput, Controller, Excuse, Excused};
+pub use barriers::affine::AffineBarrier;
+pub use controller::{ControlOutput, Controller};
 pub use distance::Closing;
+pub use lanes::LaneSet;
 pub use manoeuvre::Manoeuvre;
-pub use settings::{ControlSettings, ReferenceSettings, SafetySettings, SettingsError};
+pub use memory::{Excuse, Excused};
+pub use neighbour::Neighbour;
+pub use profile::RoadProfile;
+pub use settings::{
+    ControlSettings, Formulation, Mode, QpSettings, ReferenceSettings, SafetySettings,
+    SettingsError, Solver,
+};
 pub use sight::{SightLine, clear_until_m};
-pub use situation::{EgoState, LaneSet, Neighbour, Situation};
+pub use situation::{EgoState, Situation};

@@ -1,285 +1,323 @@
+use std::fmt;
+
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
     DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverStatus, SupportedConeT,
 };
 use covista_world::ControlInput;
 
+use crate::barriers::affine::AffineRow;
+use crate::barriers::bounds::Bounds;
 use crate::barriers::{Input, Row};
-
-/// U as a box: |tan(delta)| <= `tan_delta`, `accel_min` <= a <= `accel_max`.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Bounds {
-    pub tan_delta: f64,
-    pub accel_min_mps2: f64,
-    pub accel_max_mps2: f64,
-}
 
 /// The QP's answer.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Solution {
+    /// The minimiser.
     pub u: ControlInput,
-    /// Largest slack in units of u scaled by U; zero where the rows can be met.
+    /// The largest slack; zero where the rows can be met.
     pub slack: f64,
 }
 
-/// Price of a unit of slack. The stages of [`solve_relaxed`] see to it that a feasible brake is
-/// never traded for slack.
-const SLACK_PRICE: f64 = 1e4;
-/// Largest residual, in scaled units, of an answer that counts.
-const RESIDUAL: f64 = 1e-7;
-
-/// One inequality `sum coefficient * x <= limit` in scaled variables.
-struct Inequality {
-    input: Input,
-    sign: f64,
-    limit: f64,
-    soft: bool,
+/// An inequality `coefficients . u >= least - zeta`; zeta is zero unless it is `soft`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Inequality {
+    /// Of tan(delta) and a.
+    pub coefficients: [f64; 2],
+    /// What they must reach.
+    pub least: f64,
+    /// Whether slack may be used.
+    pub soft: bool,
 }
 
-/// The program in scaled variables x = u / scale, whose rows all have unit coefficients.
-struct Program {
-    scale: [f64; 2],
-    reference: [f64; 2],
+impl Inequality {
+    /// The one or two sides of an interval row.
+    pub fn of_row(row: &Row, soft: bool) -> impl Iterator<Item = Self> {
+        let along = |sign: f64| match row.input {
+            Input::TanDelta => [sign, 0.0],
+            Input::Accel => [0.0, sign],
+        };
+        [(1.0, row.lower), (-1.0, -row.upper)]
+            .into_iter()
+            // A limit that is no number is kept, so that it is refused.
+            .filter(|(_, least)| *least != f64::NEG_INFINITY)
+            .map(move |(sign, least)| Self {
+                coefficients: along(sign),
+                least,
+                soft,
+            })
+    }
+
+    /// An affine row.
+    pub fn of_affine(row: &AffineRow, soft: bool) -> Self {
+        Self {
+            coefficients: row.coefficients,
+            least: row.least,
+            soft,
+        }
+    }
+}
+
+/// Largest residual, in units of U, of an answer that counts.
+const RESIDUAL: f64 = 1e-7;
+/// Limits farther out than this, in units of U, tell no more; it keeps the numbers in range.
+const WIDEST: f64 = 100.0;
+/// Of the slack's square: makes the minimiser unique.
+const SLACK_SQUARE: f64 = 1e-6;
+
+/// Clarabel's solver for one program after the other: minimise ||u - reference||^2 + M zeta, the
+/// norm in units of U. Its matrices keep their pattern, so that only numbers change from step to
+/// step.
+#[derive(Default)]
+pub struct Qp {
+    hard: Option<Program>,
+    relaxed: Option<Program>,
     inequalities: Vec<Inequality>,
 }
 
-/// The input nearest to `reference` that meets every row; `None` when there is none or the solver
-/// fails.
-pub fn solve(reference: ControlInput, rows: &[Row], bounds: Bounds) -> Option<Solution> {
-    Program::new(reference, rows, bounds, |_| false).solve()
+impl fmt::Debug for Qp {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Qp").finish_non_exhaustive()
+    }
 }
 
-/// As [`solve`], with a slack for every row for which `soft` holds.
-pub fn solve_relaxed(
-    reference: ControlInput,
-    rows: &[Row],
-    bounds: Bounds,
-    soft: impl Fn(&Row) -> bool,
-) -> Option<Solution> {
-    Program::new(reference, rows, bounds, soft).solve()
+impl Clone for Qp {
+    /// A solver without memory of programs: nothing of them reaches the next answer.
+    fn clone(&self) -> Self {
+        Self::default()
+    }
+}
+
+impl Qp {
+    /// The input nearest to `reference` that meets every inequality within `bounds`; `None` when
+    /// there is none or the solver fails.
+    pub fn solve(
+        &mut self,
+        reference: ControlInput,
+        inequalities: impl Iterator<Item = Inequality>,
+        bounds: Bounds,
+        slack_price: f64,
+    ) -> Option<Solution> {
+        self.inequalities.clear();
+        self.inequalities.extend(inequalities);
+        // A row that no input moves is met or not; as a row it would stall the solver.
+        let is_empty = |row: &Inequality| !row.soft && row.coefficients == [0.0; 2];
+        if self
+            .inequalities
+            .iter()
+            .any(|row| is_empty(row) && row.least > 0.0)
+        {
+            return None;
+        }
+        self.inequalities
+            .retain(|row| !is_empty(row) || row.least.is_nan());
+        let relaxed = self.inequalities.iter().any(|row| row.soft);
+        let slot = if relaxed {
+            &mut self.relaxed
+        } else {
+            &mut self.hard
+        };
+        let needed = self.inequalities.len() + BOX_ROWS;
+        if slot
+            .as_ref()
+            .is_none_or(|program| program.capacity < needed)
+        {
+            *slot = Program::new(needed.next_multiple_of(8), relaxed);
+        }
+        slot.as_mut()?
+            .solve(reference, &self.inequalities, bounds, slack_price)
+    }
+}
+
+/// Rows that U takes.
+const BOX_ROWS: usize = 4;
+
+/// The program in variables x = u / scale (and one slack for each row), `A x + s = b`, s >= 0.
+struct Program {
+    solver: DefaultSolver<f64>,
+    capacity: usize,
+    relaxed: bool,
+    scale: [f64; 2],
+    /// Entries of A, column by column; limits b; linear cost q.
+    entries: Vec<f64>,
+    limits: Vec<f64>,
+    linear: Vec<f64>,
 }
 
 impl Program {
-    fn new(
-        reference: ControlInput,
-        rows: &[Row],
-        bounds: Bounds,
-        soft: impl Fn(&Row) -> bool,
-    ) -> Self {
-        let accel_scale = bounds
-            .accel_max_mps2
-            .abs()
-            .max(bounds.accel_min_mps2.abs())
-            .max(1.0);
-        let scale = [bounds.tan_delta.max(1e-6), accel_scale];
-        let of = |input: Input| match input {
-            Input::TanDelta => scale[0],
-            Input::Accel => scale[1],
-        };
-        // A slack wider than this tells no more; it keeps the numbers in range.
-        let widest = 100.0;
-        let boxed = [
-            (Input::TanDelta, 1.0, bounds.tan_delta),
-            (Input::TanDelta, -1.0, bounds.tan_delta),
-            (Input::Accel, 1.0, bounds.accel_max_mps2),
-            (Input::Accel, -1.0, -bounds.accel_min_mps2),
-        ];
-        let mut inequalities: Vec<_> = boxed
-            .into_iter()
-            .map(|(input, sign, limit)| Inequality {
-                input,
-                sign,
-                limit: limit / of(input),
-                soft: false,
-            })
-            .collect();
-        for row in rows {
-            let sides = [(1.0, row.upper), (-1.0, -row.lower)];
-            inequalities.extend(
-                sides
-                    .into_iter()
-                    // A limit that is no number is kept, so that the solver refuses it.
-                    .filter(|(_, limit)| limit.is_nan() || *limit < f64::INFINITY)
-                    .map(|(sign, limit)| Inequality {
-                        input: row.input,
-                        sign,
-                        limit: (limit / of(row.input)).clamp(-widest, widest),
-                        soft: soft(row),
-                    }),
-            );
+    fn new(capacity: usize, relaxed: bool) -> Option<Self> {
+        let slacks = if relaxed { capacity } else { 0 };
+        let (variables, rows) = (2 + slacks, capacity + slacks);
+        let mut columns = vec![0, capacity, 2 * capacity];
+        let mut places: Vec<usize> = (0..capacity).chain(0..capacity).collect();
+        for slack in 0..slacks {
+            places.extend([slack, capacity + slack]);
+            columns.push(places.len());
         }
-        Self {
-            scale,
-            reference: [
-                reference.tan_delta / scale[0],
-                reference.accel_mps2 / scale[1],
-            ],
-            inequalities,
-        }
-    }
-
-    fn solve(&self) -> Option<Solution> {
-        let soft_count = self.inequalities.iter().filter(|row| row.soft).count();
-        let variables = 2 + soft_count;
-        let row_count = self.inequalities.len() + soft_count;
-
-        let cost = CscMatrix::from(&diagonal(variables, |i| if i < 2 { 1.0 } else { 1e-6 }));
-        let mut linear = vec![SLACK_PRICE; variables];
-        linear[0] = -self.reference[0];
-        linear[1] = -self.reference[1];
-
-        let mut matrix = vec![vec![0.0; variables]; row_count];
-        let mut limits = vec![0.0; row_count];
-        let mut slack = 2;
-        for (i, row) in self.inequalities.iter().enumerate() {
-            matrix[i][component(row.input)] = row.sign;
-            limits[i] = row.limit;
-            if row.soft {
-                matrix[i][slack] = -1.0;
-                // zeta >= 0
-                matrix[self.inequalities.len() + slack - 2][slack] = -1.0;
-                slack += 1;
-            }
-        }
+        let entries = vec![1.0; places.len()];
+        let matrix = CscMatrix::new(rows, variables, columns, places, entries.clone());
+        let diagonal = (0..variables).map(|i| if i < 2 { 1.0 } else { SLACK_SQUARE });
+        let cost = CscMatrix::new(
+            variables,
+            variables,
+            (0..=variables).collect(),
+            (0..variables).collect(),
+            diagonal.collect(),
+        );
+        let (limits, linear) = (vec![1.0; rows], vec![0.0; variables]);
         let settings = DefaultSettingsBuilder::default()
             .verbose(false)
             .tol_gap_abs(1e-12)
             .tol_gap_rel(1e-12)
             .tol_feas(1e-12)
+            .presolve_enable(false)
+            .input_sparse_dropzeros(false)
             .build()
             .ok()?;
-        let cones = [SupportedConeT::NonnegativeConeT(row_count)];
-        let matrix = CscMatrix::from(&matrix);
-        let mut solver =
-            DefaultSolver::new(&cost, &linear, &matrix, &limits, &cones, settings).ok()?;
-        solver.solve();
-        let x = &solver.solution.x;
-        (solver.solution.status == SolverStatus::Solved && self.residual(x) <= RESIDUAL)
-            .then(|| self.snap(x))
+        let cones = [SupportedConeT::NonnegativeConeT(rows)];
+        let solver = DefaultSolver::new(&cost, &linear, &matrix, &limits, &cones, settings).ok()?;
+        Some(Self {
+            solver,
+            capacity,
+            relaxed,
+            scale: [1.0; 2],
+            entries,
+            limits,
+            linear,
+        })
     }
 
-    /// The largest violation of an inequality, recomputed.
+    fn solve(
+        &mut self,
+        reference: ControlInput,
+        inequalities: &[Inequality],
+        bounds: Bounds,
+        slack_price: f64,
+    ) -> Option<Solution> {
+        let wanted = [reference.tan_delta, reference.accel_mps2];
+        let numbers = inequalities
+            .iter()
+            .flat_map(|row| row.coefficients.into_iter().chain([row.least]));
+        if numbers.chain(wanted).any(f64::is_nan) || wanted.iter().any(|x| x.is_infinite()) {
+            return None;
+        }
+        self.fill(wanted, inequalities, bounds, slack_price);
+        self.solver.update_q(&self.linear).ok()?;
+        self.solver.update_A(&self.entries).ok()?;
+        self.solver.update_b(&self.limits).ok()?;
+        self.solver.solve();
+        self.answer(self.solver.solution.status, &self.solver.solution.x)
+    }
+
+    fn fill(
+        &mut self,
+        wanted: [f64; 2],
+        inequalities: &[Inequality],
+        bounds: Bounds,
+        slack_price: f64,
+    ) {
+        let largest_accel = bounds.accel_max_mps2.abs().max(bounds.accel_min_mps2.abs());
+        self.scale = [bounds.tan_delta.max(1e-6), largest_accel.max(1.0)];
+        for (i, wanted) in wanted.into_iter().enumerate() {
+            self.linear[i] = -(wanted / self.scale[i]).clamp(-WIDEST, WIDEST);
+        }
+        self.linear[2..].fill(slack_price);
+        let boxed = [
+            ([1.0, 0.0], -bounds.tan_delta),
+            ([-1.0, 0.0], -bounds.tan_delta),
+            ([0.0, 1.0], bounds.accel_min_mps2),
+            ([0.0, -1.0], -bounds.accel_max_mps2),
+        ]
+        .map(|(coefficients, least)| Inequality {
+            coefficients,
+            least,
+            soft: false,
+        });
+        // A row that is not used repeats a side of the box, farther out.
+        let unused = Inequality {
+            coefficients: [0.0, 1.0],
+            least: bounds.accel_min_mps2 - self.scale[1],
+            soft: false,
+        };
+        let rows = boxed.iter().chain(inequalities);
+        let rows = rows.chain(std::iter::repeat(&unused)).take(self.capacity);
+        for (i, row) in rows.enumerate() {
+            // A x <= b with the signs turned round.
+            let [tan, accel] = [0, 1].map(|k| -row.coefficients[k] * self.scale[k]);
+            let widest = WIDEST * (1.0 + tan.abs() + accel.abs());
+            self.entries[i] = tan;
+            self.entries[self.capacity + i] = accel;
+            self.limits[i] = (-row.least).clamp(-widest, widest);
+            if self.relaxed {
+                let place = 2 * (self.capacity + i);
+                self.entries[place] = if row.soft { -1.0 } else { 0.0 };
+                // zeta >= 0
+                self.entries[place + 1] = -1.0;
+                self.limits[self.capacity + i] = 0.0;
+            }
+        }
+    }
+
+    /// Only a solved program counts, and only when its residuals, computed again, are small.
+    fn answer(&self, status: SolverStatus, x: &[f64]) -> Option<Solution> {
+        let solved = status == SolverStatus::Solved;
+        (solved && self.residual(x) <= RESIDUAL).then(|| self.snapped(x))
+    }
+
+    /// The largest violation of a row. A NaN makes it infinite.
     fn residual(&self, x: &[f64]) -> f64 {
-        let mut slacks = x[2..].iter();
-        let worst = |worst: f64, row: &Inequality| {
-            let zeta = if row.soft {
-                slacks.next().copied().unwrap_or(f64::NAN)
+        let worst = |worst: f64, i: usize| {
+            let slack = if self.relaxed {
+                self.entries[2 * (self.capacity + i)] * x[2 + i]
             } else {
                 0.0
             };
-            let violation = row.sign * x[component(row.input)] - row.limit - zeta;
-            // A NaN must not pass as a small number.
-            if violation.is_nan() {
+            let missing = self.left_side(x, i) + slack - self.limits[i];
+            if missing.is_nan() {
                 f64::INFINITY
             } else {
-                worst.max(violation)
+                worst.max(missing)
             }
         };
-        self.inequalities.iter().fold(0.0, worst)
+        (0..self.capacity).fold(0.0, worst)
     }
 
-    /// Takes the interior point's last residual off: moves u onto the hard rows it sits on.
-    fn snap(&self, x: &[f64]) -> Solution {
-        let snapped = [0, 1].map(|i| {
-            self.inequalities
-                .iter()
-                .filter(|row| !row.soft && component(row.input) == i)
-                .fold(x[i], |value, row| {
-                    if row.sign > 0.0 {
-                        value.min(row.limit)
+    fn left_side(&self, x: &[f64], row: usize) -> f64 {
+        self.entries[row] * x[0] + self.entries[self.capacity + row] * x[1]
+    }
+
+    /// Takes the interior point's last residual off: moves u onto the hard intervals it sits on.
+    fn snapped(&self, x: &[f64]) -> Solution {
+        let mut u = [x[0], x[1]];
+        let mut slack = 0.0_f64;
+        for row in 0..self.capacity {
+            let (tan, accel) = (self.entries[row], self.entries[self.capacity + row]);
+            let soft = self.relaxed && self.entries[2 * (self.capacity + row)].abs() > 0.5;
+            if soft {
+                slack = slack.max(x[2 + row]);
+                continue;
+            }
+            for (k, own, other) in [(0, tan, accel), (1, accel, tan)] {
+                if own.abs() > 0.0 && other.abs() <= 0.0 {
+                    let limit = self.limits[row] / own;
+                    u[k] = if own > 0.0 {
+                        u[k].min(limit)
                     } else {
-                        value.max(-row.limit)
-                    }
-                })
-        });
-        let zeta = x[2..].iter().fold(0.0_f64, |most, zeta| most.max(*zeta));
+                        u[k].max(limit)
+                    };
+                }
+            }
+        }
         Solution {
             u: ControlInput {
-                tan_delta: snapped[0] * self.scale[0],
-                accel_mps2: snapped[1] * self.scale[1],
+                tan_delta: u[0] * self.scale[0],
+                accel_mps2: u[1] * self.scale[1],
             },
-            slack: if zeta > RESIDUAL { zeta } else { 0.0 },
+            slack: if slack > RESIDUAL { slack } else { 0.0 },
         }
     }
-}
-
-fn component(input: Input) -> usize {
-    match input {
-        Input::TanDelta => 0,
-        Input::Accel => 1,
-    }
-}
-
-fn diagonal(size: usize, entry: impl Fn(usize) -> f64) -> Vec<Vec<f64>> {
-    (0..size)
-        .map(|i| {
-            let mut row = vec![0.0; size];
-            row[i] = entry(i);
-            row
-        })
-        .collect()
 }
 
 #[cfg(test)]
-mod tests {
-    use covista_world::BarrierKind;
-    use proptest::prelude::*;
-
-    use super::*;
-
-    const BOUNDS: Bounds = Bounds {
-        tan_delta: 0.6,
-        accel_min_mps2: -8.0,
-        accel_max_mps2: 3.0,
-    };
-
-    fn accel_row(lower: f64, upper: f64) -> Row {
-        Row {
-            lower,
-            ..Row::at_most(BarrierKind::FrontCurrent, Input::Accel, upper, 1.0)
-        }
-    }
-
-    proptest! {
-        #[test]
-        fn clarabel_is_the_projection(
-            tan in -1.0..1.0_f64, a in -12.0..6.0_f64,
-            first in -7.0..9.0_f64, second in -7.0..9.0_f64, steer in -0.5..0.5_f64,
-        ) {
-            let rows = [
-                accel_row(f64::NEG_INFINITY, first),
-                accel_row(f64::NEG_INFINITY, second),
-                Row::at_least(BarrierKind::LateralMin, Input::TanDelta, steer, 1.0),
-            ];
-            let reference = ControlInput { tan_delta: tan, accel_mps2: a };
-            let solution = solve(reference, &rows, BOUNDS).expect("feasible");
-            let accel = a.clamp(-8.0, first.min(second).min(3.0));
-            prop_assert!((solution.u.accel_mps2 - accel).abs() < 1e-6, "{solution:?} {accel}");
-            prop_assert!((solution.u.tan_delta - tan.clamp(steer, 0.6)).abs() < 1e-6, "{solution:?}");
-            prop_assert!(solution.slack.abs() < 1e-12);
-        }
-    }
-
-    #[test]
-    fn rows_that_exclude_each_other_have_no_answer_without_slack() {
-        let rows = [
-            accel_row(f64::NEG_INFINITY, -2.0),
-            accel_row(1.0, f64::INFINITY),
-        ];
-        let reference = ControlInput::default();
-        assert_eq!(solve(reference, &rows, BOUNDS), None);
-        let soft = |row: &Row| row.lower > f64::NEG_INFINITY;
-        let relaxed = solve_relaxed(reference, &rows, BOUNDS, soft).expect("relaxed");
-        assert!((relaxed.u.accel_mps2 + 2.0).abs() < 1e-6, "{relaxed:?}");
-        assert!((relaxed.slack - 3.0 / 8.0).abs() < 1e-6, "{relaxed:?}");
-    }
-
-    #[test]
-    fn a_reference_that_is_no_number_has_no_answer() {
-        let reference = ControlInput {
-            tan_delta: f64::NAN,
-            accel_mps2: 0.0,
-        };
-        assert_eq!(solve(reference, &[], BOUNDS), None);
-    }
-}
+#[path = "tests/qp.rs"]
+mod tests;

@@ -1,13 +1,12 @@
 use covista_world::{ControlInput, STEP_S};
 
-use crate::barriers::curve_speed::speed_limit_mps;
+use crate::barriers::bounds::tan_delta_limit;
 use crate::barriers::front::{Ahead, Gap};
-use crate::barriers::lateral::tan_delta_limit;
 use crate::barriers::sight;
 use crate::manoeuvre::Course;
 use crate::path::LateralPath;
-use crate::rows::{ahead_in, is_in_the_way};
-use crate::{Closing, ControlSettings, Situation};
+use crate::rows::{ahead_in, leaders};
+use crate::{Closing, ControlSettings, Mode, Situation};
 
 /// The reference u_nominal = U a of one step: flat outputs for the steering, and a speed that
 /// leaves the filter little to do.
@@ -29,7 +28,7 @@ pub fn reference(
 fn steering(situation: &Situation<'_>, path: &LateralPath, settings: &ControlSettings) -> f64 {
     let ego = &situation.ego;
     let v = ego.state.speed_mps;
-    let point = path.at(situation.road, ego.frenet.s_m);
+    let point = path.at(situation.road(), ego.frenet.s_m);
     let length_m = (0.7 * v).max(3.5);
     let error_m = ego.frenet.d_m - point.d_m;
     let heading_error = (ego.frenet.psi_rad - point.psi_rad).sin();
@@ -53,12 +52,11 @@ fn accel(
         .desired_speed_mps
         .min(curve_speed_mps(situation, settings));
     let mut following = f64::INFINITY;
-    for ahead in ahead_in(situation, course) {
+    // The paper's references track a trajectory and leave the distance to its QP.
+    let heeds_others = settings.mode != Mode::Paper;
+    for ahead in ahead_in(situation, course).filter(|_| heeds_others) {
         wanted_mps = wanted_mps.min(sight_speed_mps(situation, &ahead, settings));
-        for leader in situation.neighbours.iter().filter(|neighbour| {
-            neighbour.lanes.contains(ahead.lane)
-                && is_in_the_way(neighbour, &situation.ego, ahead.kind)
-        }) {
+        for leader in leaders(situation, &ahead) {
             let leaving = ahead.leaves_round(leader, &settings.safety);
             if leaving {
                 wanted_mps = wanted_mps.min(reference.leaving_speed_mps);
@@ -103,13 +101,11 @@ fn follow_mps2(gap: Gap, keep_m: f64, time_gap_s: f64, settings: &ControlSetting
     (reference.accel_mps2 * (1.0 - (wanted_m / room_m).powi(2))).max(-hardest)
 }
 
+/// The speed for the curvature ahead, looked at 0.4 s early.
 fn curve_speed_mps(situation: &Situation<'_>, settings: &ControlSettings) -> f64 {
     let ego = &situation.ego;
-    let v = ego.state.speed_mps;
-    let preview_s_m = ego.frenet.s_m + 0.4 * v;
-    let brake = settings.reference.brake_mps2;
-    settings.reference.speed_share
-        * speed_limit_mps(situation.road, preview_s_m, v, brake, &settings.safety)
+    let preview_s_m = ego.frenet.s_m + 0.4 * ego.state.speed_mps;
+    settings.reference.speed_share * situation.profile.comfortable_speed_mps(preview_s_m)
 }
 
 /// The speed from which the sight allows to stop.
@@ -119,7 +115,7 @@ fn sight_speed_mps(
     settings: &ControlSettings,
 ) -> f64 {
     let safety = &settings.safety;
-    let gap = sight::gap(ahead, situation.sight.clear_s_m(ahead.lane));
+    let gap = sight::gap(ahead, situation.sight.clear_s_m(ahead.lane), safety);
     let keep_m = if ahead.leaving {
         safety.collision_margin_m
     } else {

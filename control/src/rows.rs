@@ -1,16 +1,18 @@
-use covista_world::{BarrierKind, STEP_S, bicycle_step};
+use covista_world::{BarrierKind, ControlInput, FrenetPose, LaneIndex, bicycle_step};
 
-use crate::barriers::front::Ahead;
-use crate::barriers::lateral::{Lateral, strip_of, tan_delta_limit};
-use crate::barriers::rear::Follower;
-use crate::barriers::{Input, Row, curve_speed, sight};
-use crate::distance::largest;
+use crate::barriers::bounds::Bounds;
+use crate::barriers::curve_speed::CurveSpeed;
+use crate::barriers::front::{Ahead, Front};
+use crate::barriers::lateral::{Lateral, Strip};
+use crate::barriers::rear::Rear;
+use crate::barriers::sight::Sight;
+use crate::barriers::{Barrier, Input, Row};
 use crate::manoeuvre::Course;
-use crate::qp::Bounds;
+use crate::memory::{Excuse, Memory};
 use crate::{EgoState, Neighbour, SafetySettings, Situation};
 
 /// Every row of one step.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Rows {
     /// U, and v + a Ts >= 0.
     pub bounds: Bounds,
@@ -22,17 +24,174 @@ pub struct Rows {
     pub h_lateral_m: f64,
 }
 
+impl Default for Rows {
+    fn default() -> Self {
+        Self {
+            bounds: Bounds {
+                tan_delta: 0.0,
+                accel_min_mps2: 0.0,
+                accel_max_mps2: 0.0,
+            },
+            hard: Vec::new(),
+            rear: Vec::new(),
+            h_lateral_m: 0.0,
+        }
+    }
+}
+
 impl Rows {
-    /// What the hard rows and U leave to a: (smallest, largest).
-    pub fn accel_interval(&self) -> (f64, f64) {
-        let start = (self.bounds.accel_min_mps2, self.bounds.accel_max_mps2);
+    /// Takes up the rows of a course. The storage of the rows before is used again.
+    pub fn collect(
+        &mut self,
+        situation: &Situation<'_>,
+        course: &Course,
+        memory: &Memory,
+        safety: &SafetySettings,
+    ) {
+        let ego = &situation.ego;
+        self.bounds = Bounds::new(ego.state.speed_mps, ego.dimensions.wheelbase_m, safety);
+        self.hard.clear();
+        self.rear.clear();
+        let next = straight_on(situation);
+        longitudinal(situation, course, &next, memory, safety, &mut |barrier| {
+            let row = barrier.row();
+            match row.kind {
+                BarrierKind::RearTarget => self.rear.push(row),
+                _ => self.hard.push(row),
+            }
+        });
+        self.clear_rounding();
+        let strip = Strip::of(situation.road(), &course.strip);
+        let lateral = Lateral::new(situation.road(), ego, next, strip, safety);
+        self.add_lateral(&lateral);
+    }
+
+    /// What the hard rows and U leave to one component of u: (smallest, largest).
+    pub fn interval(&self, input: Input) -> (f64, f64) {
+        let bounds = self.bounds;
+        let start = match input {
+            Input::TanDelta => (-bounds.tan_delta, bounds.tan_delta),
+            Input::Accel => (bounds.accel_min_mps2, bounds.accel_max_mps2),
+        };
         self.hard
             .iter()
-            .filter(|row| row.input == Input::Accel)
+            .filter(|row| row.input == input)
             .fold(start, |(lower, upper), row| {
                 (lower.max(row.lower), upper.min(row.upper))
             })
     }
+
+    /// Hardest braking meets every front row up to rounding; this takes the rounding off.
+    fn clear_rounding(&mut self) {
+        let hardest = self.bounds.accel_min_mps2;
+        for row in &mut self.hard {
+            if row.upper < hardest && row.upper > hardest - 1e-6 {
+                row.upper = hardest;
+            }
+        }
+    }
+
+    /// The steering rows hold for v+ up to the acceleration that the other rows leave; where that
+    /// is too fast for any steering, the excursion bounds a first.
+    fn add_lateral(&mut self, lateral: &Lateral<'_>) {
+        let (_, upper) = self.interval(Input::Accel);
+        let hardest = self.bounds.accel_min_mps2;
+        let fastest = upper.clamp(hardest, self.bounds.accel_max_mps2);
+        let speed_row = lateral.speed_row(hardest, fastest);
+        let accel = speed_row.map_or(fastest, |row| row.upper);
+        self.hard.extend(speed_row);
+        self.hard
+            .extend(lateral.barriers(accel).map(|barrier| barrier.row()));
+        self.h_lateral_m = lateral.h_m();
+    }
+}
+
+/// By how much `u` misses the hard rows of a course, in units of h.
+pub fn shortfall(
+    situation: &Situation<'_>,
+    course: &Course,
+    memory: &Memory,
+    safety: &SafetySettings,
+    u: ControlInput,
+) -> f64 {
+    let next = straight_on(situation);
+    let mut most = 0.0_f64;
+    let mut missed = |barrier: &dyn Barrier| {
+        if barrier.kind() != BarrierKind::RearTarget && !barrier.row().admits(u) {
+            most = most.max(barrier.target() - barrier.h_next(u));
+        }
+    };
+    longitudinal(situation, course, &next, memory, safety, &mut missed);
+    let strip = Strip::of(situation.road(), &course.strip);
+    let lateral = Lateral::new(situation.road(), &situation.ego, next, strip, safety);
+    for barrier in lateral.barriers(u.accel_mps2) {
+        missed(&barrier);
+    }
+    most
+}
+
+/// Where the ego vehicle is one step on when it drives straight on; steering moves it no less.
+fn straight_on(situation: &Situation<'_>) -> FrenetPose {
+    let ego = &situation.ego;
+    let straight = bicycle_step(ego.state, Default::default(), ego.dimensions.wheelbase_m);
+    situation
+        .road()
+        .to_frenet_pose_near(straight.pose, ego.frenet.s_m)
+}
+
+/// Every barrier that bounds the acceleration.
+pub fn longitudinal(
+    situation: &Situation<'_>,
+    course: &Course,
+    next: &FrenetPose,
+    memory: &Memory,
+    safety: &SafetySettings,
+    visit: &mut dyn FnMut(&dyn Barrier),
+) {
+    for ahead in ahead_in(situation, course) {
+        let closing = ahead.closing(safety);
+        let mut is_broken = false;
+        for leader in leaders(situation, &ahead) {
+            let front = Front::new(&ahead, closing, leader, safety);
+            let excuse = memory.judge(&front, leader);
+            is_broken |= excuse.is_some_and(|excuse| excuse != Excuse::Leaving);
+            visit(&front.excused(excuse));
+        }
+        visit(&sight(situation, &ahead, is_broken, safety));
+        if ahead.kind == BarrierKind::FrontTarget {
+            for behind in followers(situation, &ahead) {
+                visit(&Rear::new(&ahead, behind, safety));
+            }
+        }
+    }
+    let ego = &situation.ego;
+    let noise_m = safety.noise_position_m * situation.profile.longest_metre();
+    let next_s_m = next.s_m + noise_m;
+    let (s_m, speed_mps) = (ego.frenet.s_m, ego.state.speed_mps);
+    visit(&CurveSpeed::new(
+        situation.profile,
+        s_m,
+        next_s_m,
+        speed_mps,
+        safety,
+    ));
+}
+
+/// The end of sight that counts: behind tracked vehicles, as long as each of these has a row that
+/// holds. Until a vehicle that was just found has one, the sight up to it stays hard where that
+/// was enough so far.
+fn sight<'a>(
+    situation: &Situation<'_>,
+    ahead: &Ahead<'_>,
+    is_broken: bool,
+    safety: &'a SafetySettings,
+) -> Sight<'a> {
+    let through = Sight::new(ahead, situation.sight.clear_s_m(ahead.lane), safety);
+    if !is_broken {
+        return through;
+    }
+    let own = Sight::new(ahead, situation.sight.open_s_m(ahead.lane), safety);
+    if own.h() >= 0.0 { own } else { through }
 }
 
 /// The lanes of a course, as front rows look at them.
@@ -40,34 +199,37 @@ pub fn ahead_in<'a>(
     situation: &Situation<'a>,
     course: &Course,
 ) -> impl Iterator<Item = Ahead<'a>> + use<'a> {
-    let (road, ego) = (situation.road, situation.ego);
+    let (road, ego) = (situation.road(), situation.ego);
     let off_center_m = course.off_center_m(road);
     let leaving = course.target.is_some();
-    let current = course.current.map(move |lane| Ahead {
-        road,
-        ego,
-        lane,
-        off_center_m,
-        kind: BarrierKind::FrontCurrent,
-        leaving,
-    });
-    let target = course.target.map(move |lane| Ahead {
-        road,
-        ego,
-        lane,
-        off_center_m,
-        kind: BarrierKind::FrontTarget,
-        leaving: false,
-    });
+    let in_lane = move |lane: LaneIndex, kind, leaving| {
+        Ahead::new(road, ego, lane, off_center_m, kind, leaving)
+    };
+    let current = course
+        .current
+        .map(|lane| in_lane(lane, BarrierKind::FrontCurrent, leaving));
+    let target = course
+        .target
+        .map(|lane| in_lane(lane, BarrierKind::FrontTarget, false));
     current.into_iter().chain(target)
 }
 
 /// Sideways room within which a body beside the ego vehicle is on its way.
 const BESIDE_M: f64 = 0.3;
 
-/// Whether a vehicle of the lane is ahead in the way of the ego vehicle. One that drives beside it
-/// and only touches the line of the kept lane can't be braked for.
-pub fn is_in_the_way(neighbour: &Neighbour, ego: &EgoState, kind: BarrierKind) -> bool {
+/// The vehicles ahead in a lane. One that drives beside the ego vehicle and only touches the line
+/// of the kept lane can't be braked for.
+pub fn leaders<'a>(
+    situation: &Situation<'a>,
+    ahead: &Ahead<'_>,
+) -> impl Iterator<Item = &'a Neighbour> {
+    let (ego, lane, kind) = (situation.ego, ahead.lane, ahead.kind);
+    situation.neighbours.iter().filter(move |neighbour| {
+        neighbour.lanes.contains(lane) && is_in_the_way(neighbour, &ego, kind)
+    })
+}
+
+fn is_in_the_way(neighbour: &Neighbour, ego: &EgoState, kind: BarrierKind) -> bool {
     if !neighbour.is_ahead_of(ego) {
         return false;
     }
@@ -78,96 +240,13 @@ pub fn is_in_the_way(neighbour: &Neighbour, ego: &EgoState, kind: BarrierKind) -
     is_clear || overlaps || kind == BarrierKind::FrontTarget
 }
 
-/// All rows of a course.
-pub fn rows(situation: &Situation<'_>, course: &Course, settings: &SafetySettings) -> Rows {
-    let ego = &situation.ego;
-    let v = ego.state.speed_mps;
-    let wheelbase_m = ego.dimensions.wheelbase_m;
-    let bounds = Bounds {
-        tan_delta: tan_delta_limit(v, wheelbase_m, settings),
-        accel_min_mps2: (-settings.brake_mps2).max(-v / STEP_S),
-        accel_max_mps2: settings.accel_max_mps2,
-    };
-    let mut rows = Rows {
-        bounds,
-        hard: front_rows(situation, course, settings),
-        rear: rear_rows(situation, course, settings),
-        h_lateral_m: 0.0,
-    };
-    let straight = bicycle_step(ego.state, Default::default(), wheelbase_m);
-    let next_s_m = situation
-        .road
-        .to_frenet_near(straight.pose.position(), ego.frenet.s_m)
-        .s_m;
-    rows.hard
-        .push(curve_speed::row(situation.road, ego, next_s_m, settings));
-    clear_rounding(&mut rows);
-    add_lateral(situation, course, settings, &mut rows);
-    rows
-}
-
-fn front_rows(situation: &Situation<'_>, course: &Course, settings: &SafetySettings) -> Vec<Row> {
-    ahead_in(situation, course)
-        .flat_map(|ahead| {
-            let sight = sight::row(&ahead, situation.sight.clear_s_m(ahead.lane), settings);
-            situation
-                .neighbours
-                .iter()
-                .filter(move |neighbour| {
-                    neighbour.lanes.contains(ahead.lane)
-                        && is_in_the_way(neighbour, &situation.ego, ahead.kind)
-                })
-                .map(move |leader| ahead.row(leader, settings))
-                .chain([sight])
-        })
-        .collect()
-}
-
-fn rear_rows(situation: &Situation<'_>, course: &Course, settings: &SafetySettings) -> Vec<Row> {
-    ahead_in(situation, course)
-        .filter(|ahead| ahead.kind == BarrierKind::FrontTarget)
-        .flat_map(|ahead| {
-            situation
-                .neighbours
-                .iter()
-                .filter(move |neighbour| {
-                    neighbour.lanes.contains(ahead.lane) && !neighbour.is_ahead_of(&situation.ego)
-                })
-                .map(move |behind| Follower::new(&ahead, behind, settings).row(behind.id, settings))
-        })
-        .collect()
-}
-
-/// Hardest braking meets every front row up to rounding; this takes the rounding off.
-fn clear_rounding(rows: &mut Rows) {
-    let hardest = rows.bounds.accel_min_mps2;
-    for row in &mut rows.hard {
-        if row.upper < hardest && row.upper > hardest - 1e-6 {
-            row.upper = hardest;
-        }
-    }
-}
-
-/// The steering rows hold for v+ up to the acceleration that the other rows leave; where that is
-/// too fast for any steering, the excursion bounds a first.
-fn add_lateral(
-    situation: &Situation<'_>,
-    course: &Course,
-    settings: &SafetySettings,
-    rows: &mut Rows,
-) {
-    let strip = strip_of(situation.road, &course.strip);
-    let lateral = Lateral::new(situation.road, &situation.ego, strip, settings);
-    let (lower, upper) = rows.accel_interval();
-    let hardest = rows.bounds.accel_min_mps2;
-    let fastest = upper.clamp(hardest, rows.bounds.accel_max_mps2);
-    let accel = largest(lower.min(fastest), fastest, |a| lateral.is_feasible(a));
-    let accel = accel.unwrap_or(hardest);
-    if accel < fastest {
-        let kind = BarrierKind::LateralMax;
-        rows.hard
-            .push(Row::at_most(kind, Input::Accel, accel, lateral.h_m()));
-    }
-    rows.hard.extend(lateral.rows(accel));
-    rows.h_lateral_m = lateral.h_m();
+fn followers<'a>(
+    situation: &Situation<'a>,
+    ahead: &Ahead<'_>,
+) -> impl Iterator<Item = &'a Neighbour> {
+    let (ego, lane) = (situation.ego, ahead.lane);
+    situation
+        .neighbours
+        .iter()
+        .filter(move |neighbour| neighbour.lanes.contains(lane) && !neighbour.is_ahead_of(&ego))
 }

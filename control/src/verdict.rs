@@ -1,197 +1,247 @@
 use covista_world::{Action, ActionVerdict, BarrierKind, LaneIndex};
 
-use crate::barriers::front::Ahead;
-use crate::barriers::rear::Follower;
-use crate::barriers::{Input, ROUNDING_M, Row};
+use crate::barriers::front::{Ahead, Front};
+use crate::barriers::rear::Rear;
+use crate::barriers::sight::Sight;
+use crate::barriers::{Barrier, Input, ROUNDING_M, Row};
 use crate::manoeuvre::{Course, lane_of};
-use crate::rows::{Rows, ahead_in, rows};
-use crate::{Manoeuvre, Neighbour, SafetySettings, Situation};
+use crate::memory::Memory;
+use crate::rows::{Rows, ahead_in};
+use crate::{Manoeuvre, Mode, Neighbour, SafetySettings, Situation};
 
 /// A follower or passer-by slower than this does not change lanes.
 const STANDING_MPS: f64 = 0.5;
 
-/// Whether `action` is safe now (Alg. 1, line 2): the CBF-QP with its rows is feasible with no
-/// slack.
-pub fn verdict(
-    situation: &Situation<'_>,
-    manoeuvre: &Manoeuvre,
-    action: Action,
-    settings: &SafetySettings,
-) -> ActionVerdict {
-    let running = matches!(
-        manoeuvre,
-        Manoeuvre::ChangeLane { .. } | Manoeuvre::Abort { .. }
-    );
-    match action {
-        Action::EmergencyStop => ActionVerdict::Safe,
-        Action::KeepLane if running => ActionVerdict::Safe,
-        Action::KeepLane => keep_lane(situation, manoeuvre.lane(), settings),
-        Action::ChangeLeft | Action::ChangeRight if running => {
-            if action == manoeuvre.action() {
-                ActionVerdict::Safe
-            } else {
-                ActionVerdict::Unsafe(BarrierKind::Manoeuvre)
-            }
-        }
-        Action::ChangeLeft | Action::ChangeRight => match lane_of(manoeuvre.lane(), action) {
-            None => ActionVerdict::Unsafe(BarrierKind::Manoeuvre),
-            Some(to) => {
-                let announced_s = match *manoeuvre {
-                    Manoeuvre::Announced {
-                        to: wanted,
-                        since_s,
-                        ..
-                    } if wanted == to => since_s,
-                    _ => situation.time_s,
-                };
-                change_lane(situation, manoeuvre.lane(), to, announced_s, settings)
-            }
-        },
-    }
+/// What a verdict rests on.
+#[derive(Debug, Clone, Copy)]
+pub struct Judge<'a> {
+    /// All that is known now.
+    pub situation: &'a Situation<'a>,
+    /// What was known before.
+    pub memory: &'a Memory,
+    /// The assumptions.
+    pub safety: &'a SafetySettings,
 }
 
-fn keep_lane(
-    situation: &Situation<'_>,
-    lane: LaneIndex,
-    settings: &SafetySettings,
-) -> ActionVerdict {
-    let rows = rows(situation, &Course::keep(lane), settings);
-    let broken = rows.hard.iter().find(|row| row.h0_m < -ROUNDING_M);
-    match broken.map(|row| row.kind).or_else(|| infeasible(&rows)) {
-        Some(kind) => ActionVerdict::Unsafe(kind),
-        None => ActionVerdict::Safe,
-    }
-}
-
-/// A lane change may start when every vehicle that is in the target lane, enters it or may enter
-/// it leaves room: h >= 0 at the start, and lower <= upper bounds on the input.
-fn change_lane(
-    situation: &Situation<'_>,
-    from: LaneIndex,
-    to: LaneIndex,
-    announced_s: f64,
-    settings: &SafetySettings,
-) -> ActionVerdict {
-    let course = Course::change(from, to);
-    let mut rows = rows(situation, &course, settings);
-    add_entering(situation, &course, announced_s, settings, &mut rows);
-    let broken = rows.hard.iter().chain(&rows.rear).find(|row| {
-        let towards_current = row.kind == BarrierKind::FrontCurrent;
-        let is_sight = row.kind == BarrierKind::Sight;
-        // In the lane that is left the distance level may be recovering, and its end may be seen.
-        let level = if towards_current {
-            row.h0_m
-        } else if is_sight {
-            f64::INFINITY
-        } else {
-            row.h
+impl Judge<'_> {
+    /// Whether `action` is safe now (Alg. 1, line 2): the CBF-QP with its rows is feasible with no
+    /// slack.
+    pub fn verdict(&self, manoeuvre: &Manoeuvre, action: Action) -> ActionVerdict {
+        let against = match (*manoeuvre, action) {
+            (_, Action::EmergencyStop) => None,
+            (Manoeuvre::ChangeLane { from, to, .. }, Action::KeepLane) => {
+                self.against_return(from, to)
+            }
+            (Manoeuvre::Abort { from, back }, Action::KeepLane) => {
+                self.against_going_on(from, back)
+            }
+            (Manoeuvre::ChangeLane { from, to, .. } | Manoeuvre::Abort { from, back: to }, _) => {
+                if action == manoeuvre.action() {
+                    self.against_going_on(from, to)
+                } else {
+                    Some(BarrierKind::Manoeuvre)
+                }
+            }
+            (Manoeuvre::KeepLane { lane } | Manoeuvre::Announced { lane, .. }, _) => {
+                match lane_of(lane, action) {
+                    Some(to) => self.against_change(lane, to, self.announced_s(manoeuvre, to)),
+                    None if action == Action::KeepLane => self.against_course(&Course::keep(lane)),
+                    None => Some(BarrierKind::Manoeuvre),
+                }
+            }
         };
-        level < -ROUNDING_M
-    });
-    match broken
-        .map(|row| row.kind)
-        .or_else(|| blind(situation, &course, settings))
-        .or_else(|| infeasible(&rows))
-    {
-        Some(kind) => ActionVerdict::Unsafe(kind),
-        None => ActionVerdict::Safe,
+        against.map_or(ActionVerdict::Safe, ActionVerdict::Unsafe)
     }
-}
 
-/// Whether the target lane is not seen far enough.
-fn blind(
-    situation: &Situation<'_>,
-    course: &Course,
-    settings: &SafetySettings,
-) -> Option<BarrierKind> {
-    ahead_in(situation, course)
-        .filter(|ahead| ahead.kind == BarrierKind::FrontTarget)
-        .map(|ahead| {
-            let clear_s_m = situation.sight.clear_s_m(ahead.lane);
-            crate::barriers::sight::row(&ahead, clear_s_m, settings)
-        })
-        .find(|row| row.h < -ROUNDING_M)
-        .map(|row| row.kind)
-}
-
-/// Rows for those that are not in the target lane yet.
-fn add_entering(
-    situation: &Situation<'_>,
-    course: &Course,
-    announced_s: f64,
-    settings: &SafetySettings,
-    rows: &mut Rows,
-) {
-    for ahead in ahead_in(situation, course).filter(|ahead| ahead.kind == BarrierKind::FrontTarget)
-    {
-        let to = ahead.lane;
-        for neighbour in situation.neighbours {
-            let entering = may_enter(neighbour, situation, to, announced_s);
-            let Some(kind) = entering else { continue };
-            if neighbour.lanes.contains(to) {
-                continue;
+    /// Whether there is such a lane and no manoeuvre excludes the action: all that is asked without
+    /// a filter.
+    pub fn possible(&self, manoeuvre: &Manoeuvre, action: Action) -> ActionVerdict {
+        let excluded = match (*manoeuvre, action) {
+            (_, Action::EmergencyStop | Action::KeepLane) => false,
+            (Manoeuvre::ChangeLane { .. } | Manoeuvre::Abort { .. }, _) => {
+                action != manoeuvre.action()
             }
-            let row = if neighbour.is_ahead_of(&situation.ego) {
-                front_or(kind, &ahead, neighbour, settings)
-            } else {
-                let row = Follower::new(&ahead, neighbour, settings).row(neighbour.id, settings);
-                let arbitrated = kind == BarrierKind::Arbitration;
-                let kind = if arbitrated { kind } else { row.kind };
-                Row { kind, ..row }
+            _ => lane_of(manoeuvre.lane(), action).is_none(),
+        };
+        if excluded {
+            ActionVerdict::Unsafe(BarrierKind::Manoeuvre)
+        } else {
+            ActionVerdict::Safe
+        }
+    }
+
+    /// Whether a mode starts `action` now.
+    pub fn is_safe(&self, mode: Mode, manoeuvre: &Manoeuvre, action: Action) -> bool {
+        let verdict = match mode {
+            Mode::Safe => self.verdict(manoeuvre, action),
+            Mode::Paper | Mode::Off => self.possible(manoeuvre, action),
+        };
+        verdict == ActionVerdict::Safe
+    }
+
+    /// Whether a mode gives up the change from `from` to `to` now, if that is wanted.
+    pub fn may_return(&self, mode: Mode, from: LaneIndex, to: LaneIndex) -> bool {
+        match mode {
+            Mode::Safe => self.against_return(from, to).is_none(),
+            Mode::Paper | Mode::Off => self.is_nearer_to(from, to),
+        }
+    }
+
+    /// What stands against giving a lane change to `to` up: the body has left `from` by more than
+    /// half, or somebody is in the way back.
+    fn against_return(&self, from: LaneIndex, to: LaneIndex) -> Option<BarrierKind> {
+        if !self.is_nearer_to(from, to) {
+            return Some(BarrierKind::Manoeuvre);
+        }
+        let rows = self.rows(&Course::change(to, from));
+        let in_the_way = |row: &&Row| row.kind != BarrierKind::FrontCurrent;
+        broken(
+            rows.hard.iter().chain(&rows.rear).filter(in_the_way),
+            |row| row.h0_m,
+        )
+    }
+
+    /// A change that runs goes on while no collision level is broken and there is an input.
+    fn against_going_on(&self, from: LaneIndex, to: LaneIndex) -> Option<BarrierKind> {
+        let mut rows = self.rows(&Course::change(from, to));
+        rows.rear.clear();
+        broken(&rows.hard, |row| row.h0_m).or_else(|| infeasible(&rows))
+    }
+
+    fn against_course(&self, course: &Course) -> Option<BarrierKind> {
+        let rows = self.rows(course);
+        broken(&rows.hard, |row| row.h0_m).or_else(|| infeasible(&rows))
+    }
+
+    /// A lane change may start when every vehicle that is in the target lane, enters it or may
+    /// enter it leaves room: h >= 0 at the start, and lower <= upper bounds on the input. In the
+    /// lane that is left the distance level may be recovering, and its end may be seen.
+    fn against_change(
+        &self,
+        from: LaneIndex,
+        to: LaneIndex,
+        announced_s: f64,
+    ) -> Option<BarrierKind> {
+        let course = Course::change(from, to);
+        let mut rows = self.rows(&course);
+        let target = ahead_in(self.situation, &course)
+            .find(|ahead| ahead.kind == BarrierKind::FrontTarget)?;
+        self.add_entering(&target, announced_s, &mut rows);
+        let level = |row: &Row| match row.kind {
+            BarrierKind::FrontCurrent => row.h0_m,
+            BarrierKind::Sight => f64::INFINITY,
+            _ => row.h,
+        };
+        let sight = Sight::new(&target, self.situation.sight.clear_s_m(to), self.safety);
+        broken(rows.hard.iter().chain(&rows.rear), level)
+            .or_else(|| (sight.h() < -ROUNDING_M).then_some(BarrierKind::Sight))
+            .or_else(|| infeasible(&rows))
+    }
+
+    fn rows(&self, course: &Course) -> Rows {
+        let mut rows = Rows::default();
+        rows.collect(self.situation, course, self.memory, self.safety);
+        rows
+    }
+
+    /// Whether the greater part of the body is on `lane`'s side of the line to `other`.
+    fn is_nearer_to(&self, lane: LaneIndex, other: LaneIndex) -> bool {
+        let (road, ego) = (self.situation.road(), &self.situation.ego);
+        let line_m = 0.5 * (road.lane_center_m(lane) + road.lane_center_m(other));
+        let ahead_m = ego.dimensions.center_ahead_of_axle_m() * ego.frenet.psi_rad.sin();
+        let offset_m = ego.frenet.d_m + ahead_m - line_m;
+        offset_m * (road.lane_center_m(lane) - line_m) > 0.0
+    }
+
+    fn announced_s(&self, manoeuvre: &Manoeuvre, to: LaneIndex) -> f64 {
+        match *manoeuvre {
+            Manoeuvre::Announced {
+                to: wanted,
+                since_s,
+                ..
+            } if wanted == to => since_s,
+            _ => self.situation.time_s,
+        }
+    }
+
+    /// Rows for those that are not in the target lane yet.
+    fn add_entering(&self, target: &Ahead<'_>, announced_s: f64, rows: &mut Rows) {
+        let ego = &self.situation.ego;
+        for neighbour in self.situation.neighbours {
+            let kind = match self.may_enter(neighbour, target.lane, announced_s) {
+                Some(kind) if !neighbour.lanes.contains(target.lane) => kind,
+                _ => continue,
             };
-            match row.kind {
-                BarrierKind::RearTarget => rows.rear.push(row),
-                _ => rows.hard.push(row),
+            if neighbour.is_ahead_of(ego) {
+                let closing = target.closing(self.safety);
+                let row = Front::new(target, closing, neighbour, self.safety).row();
+                rows.hard.push(Row { kind, ..row });
+            } else {
+                let row = Rear::new(target, neighbour, self.safety).row();
+                if kind == BarrierKind::Arbitration {
+                    rows.hard.push(Row { kind, ..row });
+                } else {
+                    rows.rear.push(row);
+                }
             }
         }
     }
-}
 
-fn front_or(
-    kind: BarrierKind,
-    ahead: &Ahead<'_>,
-    neighbour: &Neighbour,
-    settings: &SafetySettings,
-) -> Row {
-    Row {
-        kind,
-        ..ahead.row(neighbour, settings)
+    /// Why a vehicle has to be counted to lane `to`: a CAV announced it before the ego vehicle did
+    /// (ties by station id), or the intention of a vehicle on the lane's far side is unknown: a
+    /// human's, and a CAV's that was not heard lately.
+    fn may_enter(
+        &self,
+        neighbour: &Neighbour,
+        to: LaneIndex,
+        announced_s: f64,
+    ) -> Option<BarrierKind> {
+        let situation = self.situation;
+        match neighbour.station.filter(|_| neighbour.action.is_some()) {
+            Some(station) => {
+                let theirs_s = neighbour.announced_s.unwrap_or(situation.time_s);
+                let precedes = theirs_s < announced_s
+                    || (theirs_s <= announced_s && station < situation.ego.station);
+                (neighbour.entering(situation.road()) == Some(to) && precedes)
+                    .then_some(BarrierKind::Arbitration)
+            }
+            None => {
+                let moves = neighbour.speed_mps > STANDING_MPS;
+                let beside = [to.left(), to.right()]
+                    .into_iter()
+                    .flatten()
+                    .any(|lane| neighbour.lanes.contains(lane) && self.is_far_side(to, lane));
+                (moves && beside).then_some(BarrierKind::FrontTarget)
+            }
+        }
+    }
+
+    /// Whether `lane` lies on the other side of `to` than the ego vehicle.
+    fn is_far_side(&self, to: LaneIndex, lane: LaneIndex) -> bool {
+        let road = self.situation.road();
+        let own_side = self.situation.ego.frenet.d_m - road.lane_center_m(to);
+        let their_side = road.lane_center_m(lane) - road.lane_center_m(to);
+        own_side * their_side < 0.0
     }
 }
 
-/// Why a vehicle has to be counted to lane `to`: a CAV announced it before the ego vehicle did
-/// (ties by station id), or the intention of a vehicle on the lane's far side is unknown.
-fn may_enter(
-    neighbour: &Neighbour,
-    situation: &Situation<'_>,
-    to: LaneIndex,
-    announced_s: f64,
+/// Whether, by the rows of a change that runs, h_0 of the lane that is entered is broken.
+pub fn is_threatened(rows: &Rows) -> bool {
+    let entered = |row: &&Row| row.kind != BarrierKind::FrontCurrent;
+    broken(rows.hard.iter().chain(&rows.rear).filter(entered), |row| {
+        row.h0_m
+    })
+    .is_some()
+}
+
+/// The first row whose level is broken.
+fn broken<'r>(
+    rows: impl IntoIterator<Item = &'r Row>,
+    level: impl Fn(&Row) -> f64,
 ) -> Option<BarrierKind> {
-    match neighbour.station.filter(|_| neighbour.action.is_some()) {
-        Some(station) => {
-            let theirs = (neighbour.announced_s.unwrap_or(situation.time_s), station);
-            let own = (announced_s, situation.ego.station);
-            let precedes = theirs.0 < own.0 || (theirs.0 <= own.0 && theirs.1 < own.1);
-            (neighbour.entering(situation.road) == Some(to) && precedes)
-                .then_some(BarrierKind::Arbitration)
-        }
-        None => {
-            let moves = neighbour.speed_mps > STANDING_MPS;
-            let beside = [to.left(), to.right()]
-                .into_iter()
-                .flatten()
-                .any(|lane| neighbour.lanes.contains(lane) && is_far_side(situation, to, lane));
-            (moves && beside).then_some(BarrierKind::FrontTarget)
-        }
-    }
-}
-
-/// Whether `lane` lies on the other side of `to` than the ego vehicle.
-fn is_far_side(situation: &Situation<'_>, to: LaneIndex, lane: LaneIndex) -> bool {
-    let road = situation.road;
-    let own_side = situation.ego.frenet.d_m - road.lane_center_m(to);
-    let their_side = road.lane_center_m(lane) - road.lane_center_m(to);
-    own_side * their_side < 0.0
+    rows.into_iter()
+        .find(|row| level(row) < -ROUNDING_M)
+        .map(|row| row.kind)
 }
 
 /// The row against which there is no input, if the rows exclude each other.
@@ -199,18 +249,12 @@ fn infeasible(rows: &Rows) -> Option<BarrierKind> {
     let every = || rows.hard.iter().chain(&rows.rear);
     let of = |input: Input, limit: (f64, f64)| {
         let rows = || every().filter(move |row| row.input == input);
-        let upper = rows()
-            .map(|row| (row.upper, row.kind))
-            .min_by(|a, b| a.0.total_cmp(&b.0));
-        let lower = rows()
-            .map(|row| (row.lower, row.kind))
-            .max_by(|a, b| a.0.total_cmp(&b.0));
-        let (most, most_kind) = upper.unwrap_or((f64::INFINITY, BarrierKind::FrontCurrent));
-        let (least, least_kind) = lower.unwrap_or((f64::NEG_INFINITY, BarrierKind::RearTarget));
-        if most < limit.0 - 1e-9 {
-            Some(most_kind)
-        } else if least > most.min(limit.1) + 1e-9 {
-            Some(least_kind)
+        let upper = rows().min_by(|a, b| a.upper.total_cmp(&b.upper))?;
+        let lower = rows().max_by(|a, b| a.lower.total_cmp(&b.lower))?;
+        if upper.upper < limit.0 - 1e-9 {
+            Some(upper.kind)
+        } else if lower.lower > upper.upper.min(limit.1) + 1e-9 {
+            Some(lower.kind)
         } else {
             None
         }

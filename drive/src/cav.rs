@@ -1,6 +1,6 @@
 use covista_control::{
-    ControlOutput, ControlSettings, Controller, EgoState, Manoeuvre, Neighbour, SightLine,
-    Situation, clear_until_m,
+    ControlOutput, ControlSettings, Controller, EgoState, Manoeuvre, Neighbour, RoadProfile,
+    SightLine, Situation, clear_until_m,
 };
 use covista_planner::{
     self as planner, FreeLane, MappedAction, Observation, OwnMotion, Policy, safe_action_mapping,
@@ -27,7 +27,6 @@ pub(crate) struct Cav {
     pub preferred: Action,
     /// The same after the safe action mapping.
     pub mapped: Action,
-    pub emergency_stops: usize,
     pub last_output: Option<ControlOutput>,
     /// When each lane change began, in seconds.
     pub lane_changes_s: Vec<f64>,
@@ -73,7 +72,6 @@ impl Cav {
             tracker: Tracker::new(station, dimensions, tracker),
             preferred: Action::KeepLane,
             mapped: Action::KeepLane,
-            emergency_stops: 0,
             last_output: None,
             lane_changes_s: Vec::new(),
             dimensions,
@@ -101,20 +99,20 @@ impl Cav {
         let neighbours = self.neighbours(time_s, road);
         let mount = calibration.vehicle_from_lidar.translation.vector;
         let lidar = pose.compose(Se2Pose::new(mount.x, mount.y, 0.0));
-        let mut clear_s_m = [0.0; LANE_COUNT as usize];
-        for lane in LaneIndex::all() {
-            clear_s_m[usize::from(lane.get())] = clear_until_m(
-                road,
-                lane,
-                lidar,
-                &|azimuth_rad| sensed.free_space.free_range_m(azimuth_rad),
-                &neighbours,
-                &self.settings.safety,
-            );
-        }
+        let safety = &self.settings.safety;
+        let free_range_m = |azimuth_rad: f64| sensed.free_space.free_range_m(azimuth_rad);
+        let free_behind = |tracked: &[Neighbour]| {
+            let mut clear_s_m = [0.0; LANE_COUNT as usize];
+            for lane in LaneIndex::all() {
+                clear_s_m[usize::from(lane.get())] =
+                    clear_until_m(road, lane, lidar, &free_range_m, tracked, safety);
+            }
+            clear_s_m
+        };
+        let seen = SightLine::new(free_behind(&neighbours), time_s).with_open(free_behind(&[]));
         match &mut self.sight {
-            Some(sight) => sight.update(clear_s_m, time_s, &self.settings.safety),
-            None => self.sight = Some(SightLine::new(clear_s_m, time_s)),
+            Some(sight) => sight.update(&seen, time_s, safety),
+            None => self.sight = Some(seen),
         }
     }
 
@@ -155,7 +153,13 @@ impl Cav {
 
     /// A behaviour step: the policy's order of the actions, through the safe action mapping
     /// (Alg. 1) into the controller.
-    pub fn decide(&mut self, time_s: f64, road: &Road, own: &Odometry) -> Result<(), RunError> {
+    pub fn decide(
+        &mut self,
+        time_s: f64,
+        profile: &RoadProfile,
+        own: &Odometry,
+    ) -> Result<(), RunError> {
+        let road = profile.road();
         let tracks = self.tracks(time_s);
         let observation = Observation::new(
             road,
@@ -174,12 +178,9 @@ impl Cav {
         let Some(sight) = self.sight else {
             return Ok(());
         };
-        let situation = self.situation(time_s, road, own, &neighbours, &sight);
+        let situation = self.situation(time_s, profile, own, &neighbours, &sight);
         let MappedAction { action, .. } =
             safe_action_mapping(values, |action| self.controller.verdict(&situation, action));
-        if action == Action::EmergencyStop {
-            self.emergency_stops += 1;
-        }
         self.mapped = action;
         self.controller.set_action(action, time_s);
         self.announce(time_s);
@@ -187,19 +188,24 @@ impl Cav {
     }
 
     /// A control step: reference, QP, validation.
-    pub fn control(&mut self, time_s: f64, road: &Road, own: &Odometry) -> ControlOutput {
-        let neighbours = self.neighbours(time_s, road);
+    pub fn control(
+        &mut self,
+        time_s: f64,
+        profile: &RoadProfile,
+        own: &Odometry,
+    ) -> ControlOutput {
+        let neighbours = self.neighbours(time_s, profile.road());
         let sight = self
             .sight
             .unwrap_or_else(|| SightLine::new([f64::NEG_INFINITY; LANE_COUNT as usize], time_s));
         let was_changing = self.is_changing();
-        let situation = self.situation(time_s, road, own, &neighbours, &sight);
+        let situation = self.situation(time_s, profile, own, &neighbours, &sight);
         let output = self.controller.control(&situation);
         self.announce(time_s);
         if self.is_changing() && !was_changing {
             self.lane_changes_s.push(time_s);
         }
-        self.last_output = Some(output.clone());
+        self.last_output = Some(output);
         output
     }
 
@@ -236,14 +242,14 @@ impl Cav {
     fn situation<'a>(
         &self,
         time_s: f64,
-        road: &'a Road,
+        profile: &'a RoadProfile,
         own: &Odometry,
         neighbours: &'a [Neighbour],
         sight: &'a SightLine,
     ) -> Situation<'a> {
         Situation {
-            road,
-            ego: EgoState::new(self.station, own.state, self.dimensions, road),
+            profile,
+            ego: EgoState::new(self.station, own.state, self.dimensions, profile.road()),
             neighbours,
             sight,
             time_s,

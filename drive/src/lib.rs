@@ -40,7 +40,7 @@ pub use evaluate::{
     evaluate_cooperative, evaluate_detector, evaluate_fusion, evaluate_lanes, figures_by_distance,
     fit_errors, perceive_dataset, perceive_scenario,
 };
-pub use monitor::{CavView, Monitor, TrueBarriers};
+pub use monitor::{CavView, Distributions, Histogram, Monitor, TrueBarriers};
 pub use recorded::{FittedPicture, Lacking, RecordedError, calibration_of};
 pub use run::{
     CavSnapshot, FocusSnapshot, Observe, RecordError, RunConfig, RunError, Snapshot, run,
@@ -48,4 +48,4 @@ pub use run::{
 pub use senses::Senses;
 pub use summary::{CavSummary, RunSummary, StageWallTimes};
 pub use trace::{TRACE_HEADER, TraceRow};
-pub use truth::{TrueVehicle, closing_distance_m};
+pub use truth::{Lanes, TrueVehicle, closing_distance_m};

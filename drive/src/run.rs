@@ -4,7 +4,7 @@ use std::{
     time::Instant,
 };
 
-use covista_control::{ControlSettings, SettingsError};
+use covista_control::{ControlSettings, RoadProfile, SettingsError};
 use covista_perception::PerceiveError;
 use covista_planner::InvalidObservation;
 use covista_sensors::{RayScene, in_line_of_sight};
@@ -145,6 +145,7 @@ struct Loop<'a> {
     config: &'a RunConfig,
     calibration: Calibration,
     traffic: Traffic,
+    profile: RoadProfile,
     cavs: Vec<Cav>,
     channel: Channel,
     monitor: Monitor,
@@ -187,6 +188,7 @@ impl<'a> Loop<'a> {
             focus: (cavs.len() - 1) / 2,
             cavs,
             channel: Channel::new(config.channel, config.seed),
+            profile: RoadProfile::new(traffic.road().clone(), &config.control),
             monitor: Monitor::new(config.control.safety),
             perception_steps: perception_steps as u64,
             sensed: Vec::new(),
@@ -287,8 +289,8 @@ impl<'a> Loop<'a> {
             if (step + STAGGER_STEPS * index as u64).is_multiple_of(BEHAVIOUR_STEPS) {
                 let own = self.odometry(self.cavs[index].id);
                 let cav = &mut self.cavs[index];
-                cav.decide(time_s, self.traffic.road(), &own)?;
-                self.tally.takes(cav.mapped, own.accel_mps2);
+                cav.decide(time_s, &self.profile, &own)?;
+                self.tally.takes(cav, own.accel_mps2);
             }
         }
         self.tally.stages.planner_s += start.elapsed().as_secs_f64();
@@ -302,7 +304,7 @@ impl<'a> Loop<'a> {
         for index in 0..self.cavs.len() {
             let own = self.odometry(self.cavs[index].id);
             let cav = &mut self.cavs[index];
-            let output = cav.control(time_s, self.traffic.road(), &own);
+            let output = cav.control(time_s, &self.profile, &own);
             self.tally.filtered(output.outcome);
             inputs.insert(cav.id, output.u);
         }

@@ -1,3 +1,5 @@
+use std::collections::BTreeMap;
+
 use serde::Serialize;
 
 /// One vehicle's way through the obstacle-at-corner scene.
@@ -54,6 +56,17 @@ pub struct RunSummary {
     pub lane_changes_before_sight: usize,
     /// Lane changes that CAVs began, all together.
     pub lane_changes: usize,
+    /// What the CAVs drove, together, in km.
+    pub cav_km: f64,
+    /// Mean speed of the CAVs in m/s.
+    pub cav_mean_velocity_mps: f64,
+    /// Lane changes that CAVs began, by the kilometre.
+    pub lane_changes_per_km: f64,
+    /// Emergency stops of CAVs, by the kilometre.
+    pub emergency_stops_per_km: f64,
+    /// Share of the CAVs' behaviour steps at which the safe action mapping did not take the action
+    /// that the policy valued highest.
+    pub actions_overruled_share: f64,
     /// The CAVs, by station id.
     pub vehicles: Vec<CavSummary>,
     /// Pairs of bodies that overlapped at any time.
@@ -67,7 +80,28 @@ pub struct RunSummary {
     /// Violations that no broken assumption explains.
     pub violations_unattributed: usize,
     /// Violations by the assumption that broke.
-    pub violations_by_cause: std::collections::BTreeMap<String, usize>,
+    pub violations_by_cause: BTreeMap<String, usize>,
+    /// Share of the CAVs' time on which their smallest h was negative on the truth, by its cause.
+    pub excused_share: BTreeMap<String, f64>,
+    /// Gaps to a follower that a CAV lost after a lane change, by cause. They are not promised.
+    pub rear_gaps_lost_by_cause: BTreeMap<String, usize>,
+    /// Time to collision that a hundredth of the steps of CAVs that close in on the vehicle ahead
+    /// lie at or below, in seconds.
+    pub ttc_p1_s: Option<f64>,
+    /// The same for a twentieth.
+    pub ttc_p5_s: Option<f64>,
+    /// The same for half.
+    pub ttc_p50_s: Option<f64>,
+    /// Share of the CAVs' time with a time to collision below 1.5 s.
+    pub ttc_below_1_5_s_share: f64,
+    /// |jerk| of CAVs that half of their time lies at or below, in m/s^3; of means over 0.1 s.
+    pub jerk_p50_mps3: Option<f64>,
+    /// The same for 95 %.
+    pub jerk_p95_mps3: Option<f64>,
+    /// The same for 99 %.
+    pub jerk_p99_mps3: Option<f64>,
+    /// Share of the CAVs' time with |jerk| of 10 m/s^3 or more.
+    pub jerk_above_10_share: f64,
     /// Smallest headway of a CAV between reference points, in metres.
     pub min_headway_m: Option<f64>,
     /// Hardest braking of a CAV in m/s^2, as a positive number.
@@ -77,6 +111,8 @@ pub struct RunSummary {
     /// Steps of 0.01 s, summed over CAVs, on which the controller fell back to hardest braking.
     pub backup_steps: usize,
     /// Behaviour steps on which no action was safe.
+    pub emergency_stop_steps: usize,
+    /// Emergency stops: such steps of one CAV in a row count as one.
     pub emergency_stops: usize,
     /// Camera and LIDAR frames that went through perception.
     pub frames_perceived: usize,

@@ -1,13 +1,13 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use covista_traffic::{TrafficVehicle, VehicleId, VehicleKind};
-use covista_world::{Action, FilterOutcome, LaneIndex};
+use covista_world::{Action, FilterOutcome, LaneIndex, STEP_S};
 
 use crate::{
     RunConfig,
     cause::Cause,
     cav::Cav,
-    monitor::Monitor,
+    monitor::{Distributions, Monitor},
     summary::{CavSummary, RunSummary, StageWallTimes},
 };
 
@@ -22,8 +22,14 @@ pub(crate) struct Tally {
     backup_steps: usize,
     first_sight_s: BTreeMap<VehicleId, f64>,
     hardest_braking_mps2: BTreeMap<VehicleId, f64>,
+    emergency_stop_steps: usize,
+    emergency_stops: usize,
+    /// CAVs in an emergency stop.
+    stopping: BTreeSet<VehicleId>,
     speed: Mean,
+    cav_speed: Mean,
     comfort: Mean,
+    overruled: Mean,
 }
 
 #[derive(Default)]
@@ -63,10 +69,18 @@ impl Tally {
         self.first_sight_s.entry(cav).or_insert(time_s);
     }
 
-    /// A CAV takes `action` while it accelerates with `accel_mps2`.
-    pub fn takes(&mut self, action: Action, accel_mps2: f64) {
-        self.comfort
-            .add(covista_planner::comfort(accel_mps2, action));
+    /// A behaviour step: `cav` has chosen its action while it accelerates with `accel_mps2`.
+    pub fn takes(&mut self, cav: &Cav, accel_mps2: f64) {
+        let comfort = covista_planner::comfort(accel_mps2, cav.mapped);
+        self.comfort.add(comfort);
+        self.overruled
+            .add(f64::from(u8::from(cav.mapped != cav.preferred)));
+        if cav.mapped != Action::EmergencyStop {
+            self.stopping.remove(&cav.id);
+            return;
+        }
+        self.emergency_stop_steps += 1;
+        self.emergency_stops += usize::from(self.stopping.insert(cav.id));
     }
 
     /// One step of a vehicle's motion.
@@ -75,6 +89,9 @@ impl Tally {
             return;
         }
         self.speed.add(vehicle.state.speed_mps);
+        if vehicle.kind == VehicleKind::Cav {
+            self.cav_speed.add(vehicle.state.speed_mps);
+        }
         let hardest = self.hardest_braking_mps2.entry(vehicle.id).or_default();
         *hardest = hardest.max(-vehicle.accel_mps2);
     }
@@ -95,6 +112,10 @@ impl Tally {
                 })
         };
         let violations = monitor.violations();
+        let cav_steps = monitor.cav_steps() as f64;
+        let cav_km = self.cav_speed.sum * STEP_S / 1000.0;
+        let lane_changes = cavs.iter().map(|cav| cav.lane_changes_s.len()).sum();
+        let Distributions { ttc_s, jerk_mps3 } = monitor.distributions();
         RunSummary {
             sharing: config.sharing,
             duration_s: config.duration_s,
@@ -102,7 +123,12 @@ impl Tally {
             mean_comfort: self.comfort.get(),
             vehicles_stuck: monitor.stuck(),
             lane_changes_before_sight: vehicles.iter().filter(before_sight).count(),
-            lane_changes: cavs.iter().map(|cav| cav.lane_changes_s.len()).sum(),
+            lane_changes,
+            cav_km,
+            cav_mean_velocity_mps: self.cav_speed.get(),
+            lane_changes_per_km: share(lane_changes as f64, cav_km),
+            emergency_stops_per_km: share(self.emergency_stops as f64, cav_km),
+            actions_overruled_share: self.overruled.get(),
             min_headway_m: vehicles
                 .iter()
                 .filter_map(|cav| cav.min_headway_m)
@@ -116,13 +142,27 @@ impl Tally {
             violations: violations.values().sum(),
             collision_set_left: monitor.collision_set_left(),
             violations_unattributed: violations.get(&Cause::Unattributed).copied().unwrap_or(0),
-            violations_by_cause: violations
-                .iter()
-                .map(|(cause, count)| (cause.name().to_owned(), *count))
+            violations_by_cause: by_name(violations),
+            excused_share: monitor
+                .steps_violated()
+                .map(|(cause, steps)| (cause.name().to_owned(), share(steps as f64, cav_steps)))
                 .collect(),
+            rear_gaps_lost_by_cause: by_name(monitor.rear_losses()),
+            ttc_p1_s: ttc_s.quantile(0.01),
+            ttc_p5_s: ttc_s.quantile(0.05),
+            ttc_p50_s: ttc_s.quantile(0.5),
+            ttc_below_1_5_s_share: share(ttc_s.below(1.5) as f64, cav_steps),
+            jerk_p50_mps3: jerk_mps3.quantile(0.5),
+            jerk_p95_mps3: jerk_mps3.quantile(0.95),
+            jerk_p99_mps3: jerk_mps3.quantile(0.99),
+            jerk_above_10_share: {
+                let all = jerk_mps3.count();
+                share((all - jerk_mps3.below(10.0)) as f64, all as f64)
+            },
             relaxed_steps: self.relaxed_steps,
             backup_steps: self.backup_steps,
-            emergency_stops: cavs.iter().map(|cav| cav.emergency_stops).sum(),
+            emergency_stop_steps: self.emergency_stop_steps,
+            emergency_stops: self.emergency_stops,
             frames_perceived: self.frames_perceived,
             bytes_shared: self.bytes_shared,
             wall_s,
@@ -143,6 +183,18 @@ impl Tally {
             min_headway_m: monitor.min_headway_m(cav.id),
         }
     }
+}
+
+fn by_name(counts: &BTreeMap<Cause, usize>) -> BTreeMap<String, usize> {
+    counts
+        .iter()
+        .map(|(cause, count)| (cause.name().to_owned(), *count))
+        .collect()
+}
+
+/// `part` of `whole`; zero where there is none.
+fn share(part: f64, whole: f64) -> f64 {
+    if whole > 0.0 { part / whole } else { 0.0 }
 }
 
 /// A time without the rounding of its sum of steps.

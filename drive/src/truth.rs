@@ -1,5 +1,3 @@
-use std::collections::BTreeSet;
-
 use covista_traffic::{Traffic, VehicleId, VehicleKind};
 use covista_world::{
     BicycleState, FrenetPose, LaneIndex, Road, STEP_S, VehicleDimensions, wrap_angle,
@@ -82,32 +80,95 @@ impl TrueVehicle {
         }
     }
 
-    /// Whether the body reaches into `lane`.
-    pub fn occupies(&self, lane: LaneIndex, road: &Road) -> bool {
-        let (right, left) = road.lane_bounds_m(lane);
-        self.d_range_m[0] < left && self.d_range_m[1] > right
+    /// The lanes that the body reaches into by more than `entry_m`.
+    pub fn lanes(&self, road: &Road, entry_m: f64) -> Lanes {
+        let [right_m, left_m] = self.d_range_m;
+        let occupied = LaneIndex::all().filter(|lane| {
+            let (lane_right_m, lane_left_m) = road.lane_bounds_m(*lane);
+            right_m < lane_left_m - entry_m && left_m > lane_right_m + entry_m
+        });
+        occupied.collect()
     }
 
-    /// The lanes that the body reaches into.
-    pub fn lanes(&self, road: &Road) -> BTreeSet<LaneIndex> {
-        LaneIndex::all()
-            .filter(|lane| self.occupies(*lane, road))
-            .collect()
+    /// Speed along the road in m/s.
+    pub fn along_mps(&self) -> f64 {
+        self.speed_mps * self.frenet.psi_rad.cos()
     }
 
-    /// Bumper-to-bumper gap to `ahead` in metres of the lane's own length, or `None` when it is
-    /// not ahead.
-    ///
-    /// A line at offset d from the reference line is shorter by d times the angle that the road
-    /// turns by.
-    pub fn gap_to_m(&self, ahead: &Self, road: &Road) -> Option<f64> {
-        let d_m = self
-            .lane
-            .map_or(self.frenet.d_m, |lane| road.lane_center_m(lane));
+    /// Whether `other` is ahead: by the rear axles.
+    pub fn is_behind(&self, other: &Self) -> bool {
+        other.frenet.s_m > self.frenet.s_m
+    }
+
+    /// Bumper-to-bumper gap to `ahead` in metres, along the one of `lanes` in which it is least;
+    /// infinite without a lane.
+    pub fn gap_to_m(&self, ahead: &Self, lanes: Lanes, road: &Road) -> f64 {
         let (from_m, to_m) = (self.s_range_m[1], ahead.s_range_m[0]);
-        let turn_rad =
-            wrap_angle(road.reference(to_m).0.yaw_rad - road.reference(from_m).0.yaw_rad);
-        (ahead.frenet.s_m > self.frenet.s_m).then_some(to_m - from_m - d_m * turn_rad)
+        let turned_rad = turned_rad(road, from_m, to_m);
+        lanes
+            .iter()
+            .map(|lane| to_m - from_m - road.lane_center_m(lane) * turned_rad)
+            .fold(f64::INFINITY, f64::min)
+    }
+}
+
+/// Angle by which the road turns left from `from_m` to `to_m`.
+///
+/// A line at offset d from the reference line is shorter by d times this angle.
+pub(crate) fn turned_rad(road: &Road, from_m: f64, to_m: f64) -> f64 {
+    if road.sharpest_per_m() <= 0.0 {
+        return 0.0;
+    }
+    wrap_angle(road.reference(to_m).0.yaw_rad - road.reference(from_m).0.yaw_rad)
+}
+
+/// Some of the lanes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Lanes(u8);
+
+impl Lanes {
+    fn bit(lane: LaneIndex) -> u8 {
+        1 << lane.get()
+    }
+
+    /// Only `lane`.
+    pub fn only(lane: LaneIndex) -> Self {
+        Self(Self::bit(lane))
+    }
+
+    /// Whether it is none.
+    pub fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// Whether `lane` is one of them.
+    pub fn contains(self, lane: LaneIndex) -> bool {
+        self.0 & Self::bit(lane) != 0
+    }
+
+    /// Those that are in `other` too.
+    pub fn shared_with(self, other: Self) -> Self {
+        Self(self.0 & other.0)
+    }
+
+    /// Those that are not in `other`.
+    pub fn without(self, other: Self) -> Self {
+        Self(self.0 & !other.0)
+    }
+
+    /// Each of them, from left to right.
+    pub fn iter(self) -> impl Iterator<Item = LaneIndex> {
+        LaneIndex::all().filter(move |lane| self.contains(*lane))
+    }
+}
+
+impl FromIterator<LaneIndex> for Lanes {
+    fn from_iter<T: IntoIterator<Item = LaneIndex>>(lanes: T) -> Self {
+        Self(
+            lanes
+                .into_iter()
+                .fold(0, |bits, lane| bits | Self::bit(lane)),
+        )
     }
 }
 
@@ -121,7 +182,7 @@ fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
 /// `brake_mps2` and the leader at `leader_mps` with `leader_brake_mps2`, both to standstill.
 ///
 /// The supremum over all times, summed step by step: an oracle of its own, independent of the
-/// closed form in `covista_control`.
+/// closed forms in `covista_control` and in the monitor.
 pub fn closing_distance_m(
     v_mps: f64,
     leader_mps: f64,

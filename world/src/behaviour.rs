@@ -46,6 +46,8 @@ pub enum BarrierKind {
     Manoeuvre,
     /// A CAV with precedence announced the same gap.
     Arbitration,
+    /// An affine barrier that a user added, by its place in the list.
+    Affine(u16),
 }
 
 /// The answer to "is this action safe?" (Alg. 1, line 2).

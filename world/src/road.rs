@@ -111,6 +111,8 @@ pub enum RoadError {
 struct Node {
     s_m: f64,
     pose: Se2Pose,
+    /// Angle turned since the start, unwrapped.
+    turned_rad: f64,
     forward: Vector2<f64>,
     curvature: f64,
     /// Change of curvature per metre up to the next node.
@@ -118,10 +120,11 @@ struct Node {
 }
 
 impl Node {
-    fn new(s_m: f64, pose: Se2Pose) -> Self {
+    fn new(s_m: f64, pose: Se2Pose, turned_rad: f64) -> Self {
         Self {
             s_m,
             pose,
+            turned_rad,
             forward: pose.forward(),
             curvature: 0.0,
             sharpness: 0.0,
@@ -177,12 +180,22 @@ fn rotated(vector: Vector2<f64>, by: Vector2<f64>) -> Vector2<f64> {
     )
 }
 
-/// Nodes at equal distances.
+/// Nodes at equal distances: those of one segment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Stretch {
     from_m: f64,
+    to_m: f64,
+    from_per_m: f64,
+    to_per_m: f64,
     first_node: usize,
     nodes_per_m: f64,
+}
+
+impl Stretch {
+    fn curvature(&self, s_m: f64) -> f64 {
+        let share = (s_m - self.from_m) / (self.to_m - self.from_m);
+        self.from_per_m + share * (self.to_per_m - self.from_per_m)
+    }
 }
 
 /// A point of the reference line without its angle.
@@ -217,7 +230,7 @@ impl Road {
         if segments.is_empty() {
             return Err(RoadError::Empty);
         }
-        let mut nodes = vec![Node::new(0.0, start)];
+        let mut nodes = vec![Node::new(0.0, start, 0.0)];
         let mut stretches = Vec::with_capacity(segments.len());
         let half_width = lane_width_m * f64::from(LANE_COUNT) / 2.0;
         for (index, segment) in segments.iter().enumerate() {
@@ -238,8 +251,12 @@ impl Road {
             }
             let count = (length / NODE_SPACING_M).ceil();
             let (ds, sharpness) = (length / count, (to - from) / length);
+            let from_m = nodes.last().map_or(0.0, |node| node.s_m);
             stretches.push(Stretch {
-                from_m: nodes.last().map_or(0.0, |node| node.s_m),
+                from_m,
+                to_m: from_m + length,
+                from_per_m: from,
+                to_per_m: to,
                 first_node: nodes.len() - 1,
                 nodes_per_m: 1.0 / ds,
             });
@@ -247,7 +264,8 @@ impl Road {
                 let Some(last) = nodes.last_mut() else { break };
                 last.curvature = from + sharpness * ds * i as f64;
                 last.sharpness = sharpness;
-                let next = Node::new(last.s_m + ds, last.pose_at(ds));
+                let turned_rad = last.turned_rad + last.turned_at(ds);
+                let next = Node::new(last.s_m + ds, last.pose_at(ds), turned_rad);
                 nodes.push(next);
             }
         }
@@ -358,9 +376,27 @@ impl Road {
         }
     }
 
+    /// Angle in radians by which the reference line turns from `from_m` to `to_m`, positive to the
+    /// left; not wrapped.
+    pub fn turn_rad(&self, from_m: f64, to_m: f64) -> f64 {
+        let turned_rad = |s_m: f64| {
+            let node = self.node_before(s_m);
+            if self.is_beyond_ends(s_m) {
+                node.turned_rad
+            } else {
+                node.turned_rad + node.turned_at(s_m - node.s_m)
+            }
+        };
+        turned_rad(to_m) - turned_rad(from_m)
+    }
+
     /// Curvature of the reference line at `s_m` in 1/m, positive to the left.
     pub fn curvature(&self, s_m: f64) -> f64 {
-        self.reference(s_m).1
+        if self.is_beyond_ends(s_m) {
+            return 0.0;
+        }
+        let stretch = self.stretches.partition_point(|known| known.from_m <= s_m);
+        self.stretches[stretch.saturating_sub(1)].curvature(s_m)
     }
 
     /// Largest |curvature| of the whole reference line in 1/m.
@@ -369,13 +405,18 @@ impl Road {
     }
 
     /// Largest |curvature| of the reference line between `from_m` and `to_m`.
+    ///
+    /// Within a segment the curvature is linear, so that its largest is at an end.
     pub fn max_abs_curvature(&self, from_m: f64, to_m: f64) -> f64 {
-        let ends = self.curvature(from_m).abs().max(self.curvature(to_m).abs());
-        let first = self.nodes.partition_point(|node| node.s_m < from_m);
-        self.nodes[first.min(self.nodes.len())..]
+        let first = self.stretches.partition_point(|known| known.to_m < from_m);
+        self.stretches[first..]
             .iter()
-            .take_while(|node| node.s_m <= to_m)
-            .fold(ends, |max, node| max.max(node.curvature.abs()))
+            .take_while(|stretch| stretch.from_m <= to_m)
+            .fold(0.0, |max: f64, stretch| {
+                let ends = [from_m.max(stretch.from_m), to_m.min(stretch.to_m)];
+                let [low, high] = ends.map(|s_m| stretch.curvature(s_m).abs());
+                max.max(low).max(high)
+            })
     }
 
     /// World position of a Frenet point.

@@ -1,62 +1,64 @@
-use covista_world::{BarrierKind, Road, STEP_S};
+use covista_world::{BarrierKind, ControlInput, STEP_S};
 
-use super::{Input, Row, target};
-use crate::SafetySettings;
-use crate::situation::{EgoState, half_width_m};
+use super::{Barrier, Input, Row, target};
+use crate::{RoadProfile, SafetySettings};
 
-/// Road that is looked at as one, in metres.
-const STRETCH_M: f64 = 2.0;
-
-/// Largest speed at road s such that v^2 <= a_lat_max / (|kappa| + k_min) holds everywhere ahead
-/// when `brake_mps2` is used to reach it.
-///
-/// In steps of explicit Euler, braking from v to v_c takes
-/// `(v^2 - v_c^2) / (2 b) + (v - v_c) Ts / 2`; the second term is bounded by `v Ts / 2`.
-pub fn speed_limit_mps(
-    road: &Road,
-    s_m: f64,
+/// h = v_limit(s) - v, in m/s: v^2 <= a_lat_max / (|kappa| + k_min) for all road within braking
+/// distance, so that some counter-curvature is left to steer back with.
+#[derive(Debug, Clone, Copy)]
+pub struct CurveSpeed<'a> {
+    safety: &'a SafetySettings,
     speed_mps: f64,
-    brake_mps2: f64,
-    settings: &SafetySettings,
-) -> f64 {
-    let half_width = half_width_m(road);
-    // The innermost path is the shortest.
-    let sharpest = road.sharpest_per_m();
-    let brake = brake_mps2 * (1.0 - sharpest * half_width);
-    let horizon_m = speed_mps.powi(2) / (2.0 * brake) + 2.0 * STRETCH_M;
-    let stretches = (horizon_m / STRETCH_M).ceil().min(500.0) as usize;
-    // Stretches that do not move with the vehicle, so that the limit ahead never drops at once.
-    let first_m = (s_m / STRETCH_M).floor() * STRETCH_M;
-    (0..stretches).fold(f64::INFINITY, |limit, i| {
-        let from_m = first_m + STRETCH_M * i as f64;
-        let ahead_m = (from_m - s_m).max(0.0);
-        let curvature = road_curvature(road.max_abs_curvature(from_m, from_m + STRETCH_M), road);
-        let squared = settings.lateral_accel_max_mps2
-            / (curvature + settings.counter_curvature_min_per_m)
-            + 2.0 * brake * ahead_m;
-        // v^2 + v b Ts = squared.
-        let half = 0.5 * brake * STEP_S;
-        limit.min((squared + half * half).sqrt() - half)
-    })
+    limit_next_mps: f64,
+    h_mps: f64,
 }
 
-/// |kappa| / (1 - |kappa| d_max): the curvature of the sharpest path along the road.
-pub fn road_curvature(curvature_per_m: f64, road: &Road) -> f64 {
-    curvature_per_m / (1.0 - curvature_per_m * half_width_m(road))
+impl<'a> CurveSpeed<'a> {
+    /// At road s `s_m`; `next_s_m` is where the vehicle is one step on, noise included.
+    pub fn new(
+        profile: &RoadProfile,
+        s_m: f64,
+        next_s_m: f64,
+        speed_mps: f64,
+        safety: &'a SafetySettings,
+    ) -> Self {
+        Self {
+            safety,
+            speed_mps,
+            limit_next_mps: profile.speed_limit_mps(next_s_m),
+            h_mps: profile.speed_limit_mps(s_m) - speed_mps,
+        }
+    }
 }
 
-/// The row v+ <= limit(s+), as an upper bound on a.
-pub fn row(road: &Road, ego: &EgoState, next_s_m: f64, settings: &SafetySettings) -> Row {
-    let v = ego.state.speed_mps;
-    let brake = settings.brake_mps2 - settings.noise_speed_mps / STEP_S;
-    let limit = |s_m: f64| speed_limit_mps(road, s_m, v, brake, settings);
-    let h = limit(ego.frenet.s_m) - v;
-    let next = limit(next_s_m) - target(h, settings.eta).max(0.0);
-    let upper = ((next - settings.noise_speed_mps - v) / STEP_S).max(-v / STEP_S);
-    let upper = if h < -1e-9 {
-        upper.clamp(-settings.brake_mps2, -settings.gentle_brake_mps2)
-    } else {
-        upper
-    };
-    Row::at_most(BarrierKind::CurveSpeed, Input::Accel, upper, h)
+impl Barrier for CurveSpeed<'_> {
+    fn kind(&self) -> BarrierKind {
+        BarrierKind::CurveSpeed
+    }
+
+    fn h(&self) -> f64 {
+        self.h_mps
+    }
+
+    fn h_next(&self, u: ControlInput) -> f64 {
+        let next_mps = (self.speed_mps + u.accel_mps2 * STEP_S).max(0.0);
+        self.limit_next_mps - next_mps - self.safety.noise_speed_mps
+    }
+
+    fn target(&self) -> f64 {
+        target(self.h_mps, self.safety.eta).max(0.0)
+    }
+
+    fn row(&self) -> Row {
+        let next_mps = self.limit_next_mps - self.target() - self.safety.noise_speed_mps;
+        let v = self.speed_mps;
+        let upper = ((next_mps - v) / STEP_S).max(-v / STEP_S);
+        let upper = if self.h_mps < -1e-9 {
+            // A vehicle that starts too fast for the road brakes at least gently.
+            upper.clamp(-self.safety.brake_mps2, -self.safety.gentle_brake_mps2)
+        } else {
+            upper
+        };
+        Row::at_most(self.kind(), Input::Accel, upper, self.h_mps)
+    }
 }

@@ -1,10 +1,10 @@
-use covista_world::{BarrierKind, Road, STEP_S, bicycle_step, wrap_angle};
+use covista_world::{BarrierKind, ControlInput, FrenetPose, LaneIndex, Road, STEP_S};
 
-use super::curve_speed::road_curvature;
-use super::{Input, Row, target};
-use crate::SafetySettings;
-use crate::distance::largest;
-use crate::situation::{EgoState, half_width_m};
+use super::bounds::tan_delta_limit;
+use super::{Barrier, Input, Row, target};
+use crate::monotone::largest;
+use crate::profile::{half_width_m, path_curvature};
+use crate::{EgoState, SafetySettings};
 
 /// The strip between two offsets d in which the body has to stay.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -15,12 +15,21 @@ pub struct Strip {
     pub left_m: f64,
 }
 
-/// The body's reach from the rear axle, in metres.
-#[derive(Debug, Clone, Copy)]
-struct Body {
-    front_m: f64,
-    rear_m: f64,
-    half_width_m: f64,
+impl Strip {
+    /// From the right edge of the rightmost of `lanes` to the left edge of the leftmost.
+    pub fn of(road: &Road, lanes: &[LaneIndex]) -> Self {
+        let none = Self {
+            right_m: half_width_m(road),
+            left_m: -half_width_m(road),
+        };
+        lanes.iter().fold(none, |strip, &lane| {
+            let (right_m, left_m) = road.lane_bounds_m(lane);
+            Self {
+                right_m: strip.right_m.min(right_m),
+                left_m: strip.left_m.max(left_m),
+            }
+        })
+    }
 }
 
 /// The side of the strip, as the sign that mirrors it to the left one.
@@ -31,6 +40,8 @@ enum Side {
 }
 
 impl Side {
+    const BOTH: [Self; 2] = [Self::Left, Self::Right];
+
     fn sign(self) -> f64 {
         match self {
             Self::Left => 1.0,
@@ -44,145 +55,129 @@ impl Side {
             Self::Right => BarrierKind::LateralMin,
         }
     }
+
+    fn mirrored(self) -> Self {
+        match self {
+            Self::Left => Self::Right,
+            Self::Right => Self::Left,
+        }
+    }
 }
 
-/// The lateral barriers of one state.
-#[derive(Debug, Clone)]
+/// What the lateral barriers of one state have in common.
+///
+/// Each side has two barriers: that of the front, which counts the excursion until the body can be
+/// steered back parallel to the road, and that of the rear corner, which swings out when the
+/// heading points away from the edge.
+#[derive(Debug, Clone, Copy)]
 pub struct Lateral<'a> {
-    settings: &'a SafetySettings,
-    body: Body,
+    road: &'a Road,
+    safety: &'a SafetySettings,
+    /// The body's reach from the rear axle to its front, its rear and its sides.
+    front_m: f64,
+    rear_m: f64,
+    half_width_m: f64,
     wheelbase_m: f64,
     strip: Strip,
     speed_mps: f64,
-    s_m: f64,
-    d_m: f64,
-    psi_rad: f64,
-    next_s_m: f64,
-    next_d_m: f64,
-    /// Heading relative to the road at x+ when driving straight on.
-    straight_psi_rad: f64,
-    /// Largest |kappa| from the body on to the end of each stretch of road.
-    curvature_ahead: CurvatureAhead,
+    now: FrenetPose,
+    /// At x+ when driving straight on.
+    next: FrenetPose,
     /// How far a body's end lies off the parallel of the road through the rear axle.
     sagitta_m: f64,
+    /// Metres of the road per metre driven, at the most.
+    longest_metre: f64,
 }
 
 impl<'a> Lateral<'a> {
-    /// For `ego` in `strip`. The position at x+ does not depend on u and is exact.
-    pub fn new(road: &'a Road, ego: &EgoState, strip: Strip, settings: &'a SafetySettings) -> Self {
-        let straight = bicycle_step(ego.state, Default::default(), ego.dimensions.wheelbase_m);
-        let next = road.to_frenet_pose_near(straight.pose, ego.frenet.s_m);
-        let body = Body {
-            front_m: ego.front_m(),
-            rear_m: ego.dimensions.rear_overhang_m,
-            half_width_m: ego.dimensions.width_m / 2.0,
-        };
-        let sharpest = road_curvature(road.sharpest_per_m(), road);
+    /// For `ego` in `strip`; `next` is where it is one step on when it drives straight on. The
+    /// position at x+ does not depend on u and is exact but for the noise.
+    pub fn new(
+        road: &'a Road,
+        ego: &EgoState,
+        next: FrenetPose,
+        strip: Strip,
+        safety: &'a SafetySettings,
+    ) -> Self {
+        let (front_m, half_width_m) = (ego.front_m(), ego.dimensions.width_m / 2.0);
+        let sharpest = path_curvature(road.sharpest_per_m(), road);
         Self {
-            curvature_ahead: CurvatureAhead::new(road, ego.frenet.s_m - body.rear_m),
-            settings,
-            body,
+            road,
+            safety,
+            front_m,
+            rear_m: ego.dimensions.rear_overhang_m,
+            half_width_m,
             wheelbase_m: ego.dimensions.wheelbase_m,
             strip,
             speed_mps: ego.state.speed_mps,
-            s_m: ego.frenet.s_m,
-            d_m: ego.frenet.d_m,
-            psi_rad: ego.frenet.psi_rad,
-            next_s_m: next.s_m,
-            next_d_m: next.d_m,
-            straight_psi_rad: next.psi_rad,
-            sagitta_m: 0.5 * sharpest * (body.front_m.hypot(body.half_width_m)).powi(2),
+            now: ego.frenet,
+            next,
+            sagitta_m: 0.5 * sharpest * (front_m.powi(2) + half_width_m.powi(2)),
+            longest_metre: 1.0 / (1.0 - self::half_width_m(road) * road.sharpest_per_m()),
         }
     }
 
     /// The smaller of h_y,max and h_y,min at x, in metres.
     pub fn h_m(&self) -> f64 {
-        [Side::Left, Side::Right]
+        Side::BOTH
             .map(|side| self.front_h_m(side).min(self.rear_h_m(side)))
             .into_iter()
             .fold(f64::INFINITY, f64::min)
     }
 
-    /// The rows on tan(delta) when v+ is at most `v + accel Ts`.
-    pub fn rows(&self, accel_mps2: f64) -> Vec<Row> {
-        let v = self.speed_mps;
-        if v * STEP_S < 1e-7 {
-            return Vec::new();
-        }
-        let next_mps = (v + accel_mps2 * STEP_S + self.settings.noise_speed_mps).max(0.0);
-        let limit = tan_delta_limit(v, self.wheelbase_m, self.settings);
-        [Side::Left, Side::Right]
+    /// The four barriers, when v+ is at most `v + accel Ts`; none at standstill, where the body
+    /// can't turn.
+    pub fn barriers(&self, accel_mps2: f64) -> impl Iterator<Item = Steering<'_>> {
+        let moves = self.speed_mps * STEP_S >= 1e-7;
+        let fastest_mps = self.next_mps(accel_mps2);
+        Side::BOTH
             .into_iter()
-            .flat_map(|side| {
-                [
-                    self.front_row(side, next_mps, limit),
-                    self.rear_row(side, limit),
-                ]
+            .flat_map(|side| [(side, Part::Front), (side, Part::Rear)])
+            .filter(move |_| moves)
+            .map(move |(side, part)| Steering {
+                lateral: self,
+                side,
+                part,
+                fastest_mps,
             })
-            .collect()
     }
 
-    /// Whether the rows on tan(delta) leave an input at this acceleration.
-    pub fn is_feasible(&self, accel_mps2: f64) -> bool {
-        let limit = tan_delta_limit(self.speed_mps, self.wheelbase_m, self.settings);
-        let (lower, upper) = self
-            .rows(accel_mps2)
-            .iter()
-            .fold((-limit, limit), |(lower, upper), row| {
-                (lower.max(row.lower), upper.min(row.upper))
-            });
-        lower <= upper
+    /// The row that keeps v+ slow enough for the steering to bring the body back, where not all of
+    /// the accelerations from `slowest` to `fastest` are.
+    pub fn speed_row(&self, slowest: f64, fastest: f64) -> Option<Row> {
+        if self.steering_room(fastest) >= 0.0 {
+            return None;
+        }
+        let accel = largest(slowest, fastest, |accel| self.steering_room(accel));
+        let accel = accel.unwrap_or(slowest);
+        let kind = BarrierKind::LateralMax;
+        Some(Row::at_most(kind, Input::Accel, accel, self.h_m()))
     }
 
-    /// h of the side towards which the body is steered back with the counter-curvature that is
-    /// left: the edge less the body's farthest reach on the way.
+    /// The room that full counter-steering leaves at this acceleration, in metres: negative where
+    /// no steering meets the front's rows.
+    fn steering_room(&self, accel_mps2: f64) -> f64 {
+        let lock = tan_delta_limit(self.speed_mps, self.wheelbase_m, self.safety);
+        self.barriers(accel_mps2)
+            .filter(|steering| steering.part == Part::Front)
+            .map(|steering| steering.margin_m(steering.side.sign() * -lock))
+            .fold(f64::INFINITY, f64::min)
+    }
+
+    fn next_mps(&self, accel_mps2: f64) -> f64 {
+        (self.speed_mps + accel_mps2 * STEP_S + self.safety.noise_speed_mps).max(0.0)
+    }
+
+    /// The edge less the body's farthest reach on the way back.
     fn front_h_m(&self, side: Side) -> f64 {
-        let reach = self.excursion_m(self.s_m, self.speed_mps, side.sign() * self.psi_rad);
-        self.edge_m(side) - side.sign() * self.d_m - reach
+        let reach_m =
+            self.excursion_m(self.now.s_m, self.speed_mps, side.sign() * self.now.psi_rad);
+        self.edge_m(side) - side.sign() * self.now.d_m - reach_m
     }
 
-    /// h of the rear corner, which swings out when the heading points away from the edge.
     fn rear_h_m(&self, side: Side) -> f64 {
-        let swing = self.rear_swing_m(side.sign() * self.psi_rad);
-        self.edge_m(side) - side.sign() * self.d_m - swing
-    }
-
-    /// The front row: h falls with the heading at x+, so it bounds tan(delta) on the side's side.
-    fn front_row(&self, side: Side, next_mps: f64, limit: f64) -> Row {
-        let h = self.front_h_m(side);
-        let room = self.edge_m(side) - side.sign() * self.next_d_m - target(h, self.settings.eta);
-        // The road of the return manoeuvre is cut in stretches: a heading must not end on a cut.
-        let next_s_m = self.next_s_m + 1e-6;
-        let fits = |psi: f64| self.excursion_m(next_s_m, next_mps, psi) <= room + 1e-9;
-        self.steering_row(side, h, limit, fits)
-    }
-
-    /// The rear row: the swing grows as the heading turns away from the edge, so it bounds
-    /// tan(delta) on the other side. Holding the heading always satisfies it.
-    fn rear_row(&self, side: Side, limit: f64) -> Row {
-        let h = self.rear_h_m(side);
-        let room = self.edge_m(side) - side.sign() * self.next_d_m - target(h, self.settings.eta);
-        let mirrored = match side {
-            Side::Left => Side::Right,
-            Side::Right => Side::Left,
-        };
-        let fits = |psi: f64| self.rear_swing_m(-psi) <= room + 1e-9;
-        Row {
-            kind: side.kind(),
-            ..self.steering_row(mirrored, h, limit, fits)
-        }
-    }
-
-    /// The row for a condition on the heading towards `side` that fails from some heading on.
-    fn steering_row(&self, side: Side, h: f64, limit: f64, fits: impl Fn(f64) -> bool) -> Row {
-        let per_tan = self.speed_mps * STEP_S / self.wheelbase_m;
-        let psi_of = |tan: f64| side.sign() * self.straight_psi_rad + per_tan * tan;
-        let most = largest(-limit, limit, |tan| fits(psi_of(tan)));
-        let most = most.unwrap_or(f64::NEG_INFINITY);
-        match side {
-            Side::Left => Row::at_most(side.kind(), Input::TanDelta, most, h),
-            Side::Right => Row::at_least(side.kind(), Input::TanDelta, -most, h),
-        }
+        let swing_m = self.rear_swing_m(side.sign() * self.now.psi_rad);
+        self.edge_m(side) - side.sign() * self.now.d_m - swing_m
     }
 
     fn edge_m(&self, side: Side) -> f64 {
@@ -193,124 +188,146 @@ impl<'a> Lateral<'a> {
         edge - self.sagitta_m
     }
 
+    /// Offset towards `side` at x+, at the most.
+    fn next_d_m(&self, side: Side) -> f64 {
+        side.sign() * self.next.d_m + self.speed_mps * STEP_S * self.safety.noise_slip_rad
+    }
+
     /// How far from the rear axle's offset the body reaches to the left until a vehicle with
     /// heading `psi_rad` runs parallel to the road, when it steers back at once.
     ///
     /// At heading theta on the way the axle has moved by (cos theta - cos psi) / k_c, and the
     /// front corner lies x_f sin theta + w/2 cos theta off it: the sum peaks where
-    /// tan theta = x_f / (1/k_c + w/2). For a sampled controller two terms join: the step driven
-    /// before the steering acts, v Ts sin psi, and the road's own turn within a step, by which psi
-    /// is taken larger.
+    /// tan theta = x_f / (1/k_c + w/2). For a sampled controller with noise psi is taken larger by
+    /// the side slip and by the road's own turn within a step, and the step driven before the
+    /// steering acts joins, v Ts sin psi. The rear corner swings by as much when the way back ends.
     fn excursion_m(&self, s_m: f64, speed_mps: f64, psi_rad: f64) -> f64 {
-        let Body {
-            front_m,
-            rear_m,
-            half_width_m: half,
-        } = self.body;
+        let step_m = speed_mps * STEP_S;
         let (counter, road) = self.counter_curvature(s_m, speed_mps, psi_rad);
-        let shift = road * speed_mps * STEP_S;
+        let shift = road * step_m + self.safety.noise_slip_rad;
+        let swing = shift + 2.0 * self.safety.noise_curvature_per_m * step_m;
+        let rear_m = self.rear_m * swing;
         let psi = (psi_rad + shift).min(std::f64::consts::FRAC_PI_2);
-        let flat = half + rear_m * shift;
         if psi <= 0.0 {
-            return flat;
+            return self.half_width_m + rear_m;
         }
         if counter <= 0.0 {
             return f64::INFINITY;
         }
-        let arm = 1.0 / counter + half;
+        let arm = 1.0 / counter + self.half_width_m;
         let (sin, cos) = psi.sin_cos();
-        let corner = if psi <= (front_m / arm).atan() {
-            front_m * sin + half * cos
+        let corner = if sin * arm <= cos * self.front_m {
+            self.front_m * sin + self.half_width_m * cos
         } else {
-            arm.hypot(front_m) - cos / counter
+            arm.hypot(self.front_m) - cos / counter
         };
-        corner + rear_m * shift + speed_mps * STEP_S * sin
+        corner + rear_m + step_m * sin
     }
 
     /// k_c, and the road's own curvature within it, over the road of the return manoeuvre: at
     /// least k_min of counter-curvature brings the heading back, so that road ends at a point that
     /// does not run away from a vehicle which steers back.
     fn counter_curvature(&self, s_m: f64, speed_mps: f64, psi_rad: f64) -> (f64, f64) {
-        let settings = self.settings;
-        let length = psi_rad.abs() / settings.counter_curvature_min_per_m + 2.0 * self.body.front_m;
-        let road = self.curvature_ahead.up_to(s_m + length);
-        let own = tan_delta_limit(speed_mps, self.wheelbase_m, settings) / self.wheelbase_m;
-        (own - road, road)
+        let least = self.safety.counter_curvature_min_per_m - self.safety.noise_curvature_per_m;
+        // On the inside of a curve a metre driven is more than one of the road's.
+        let length_m = self.longest_metre * (psi_rad.abs() / least) + 2.0 * self.front_m;
+        let sharpest = self
+            .road
+            .max_abs_curvature(s_m - self.rear_m, s_m + length_m);
+        let road = path_curvature(sharpest, self.road);
+        let own = tan_delta_limit(speed_mps, self.wheelbase_m, self.safety) / self.wheelbase_m;
+        (own - road - self.safety.noise_curvature_per_m, road)
     }
 
+    /// Reach of the rear corner at a heading towards the side.
     fn rear_swing_m(&self, psi_rad: f64) -> f64 {
-        let Body {
-            rear_m,
-            half_width_m,
-            ..
-        } = self.body;
-        let widest = (rear_m / half_width_m).atan();
+        let widest = (self.rear_m / self.half_width_m).atan();
         let (sin, cos) = (-psi_rad).clamp(0.0, widest).sin_cos();
-        rear_m * sin + half_width_m * cos
+        self.rear_m * sin + self.half_width_m * cos
     }
 }
 
-/// Running maxima of the road's curvature, in stretches that do not move with the vehicle.
-#[derive(Debug, Clone)]
-struct CurvatureAhead {
-    first_m: f64,
-    /// |kappa| / (1 - |kappa| d_max) up to the end of each stretch.
-    running_max: [f64; STRETCHES],
-    /// The same of the whole road, which stands for what lies beyond.
-    sharpest: f64,
+/// Which end of the body a barrier is about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Part {
+    Front,
+    Rear,
 }
 
-const STRETCH_M: f64 = 8.0;
-const STRETCHES: usize = 16;
+/// h_y,max or h_y,min, of one end of the body.
+#[derive(Debug, Clone, Copy)]
+pub struct Steering<'a> {
+    lateral: &'a Lateral<'a>,
+    side: Side,
+    part: Part,
+    fastest_mps: f64,
+}
 
-impl CurvatureAhead {
-    fn new(road: &Road, from_m: f64) -> Self {
-        let first_m = (from_m / STRETCH_M).floor() * STRETCH_M;
-        let mut sharpest = 0.0_f64;
-        let running_max = std::array::from_fn(|i| {
-            let start_m = (first_m + STRETCH_M * i as f64).max(from_m);
-            let end_m = first_m + STRETCH_M * (i + 1) as f64;
-            sharpest = sharpest.max(road.max_abs_curvature(start_m, end_m));
-            road_curvature(sharpest, road)
-        });
-        Self {
-            first_m,
-            running_max,
-            sharpest: road_curvature(road.sharpest_per_m(), road),
+impl Steering<'_> {
+    /// h(x+) less its target at `tan_delta`. It falls as the front turns towards the side, or the
+    /// rear away from it.
+    fn margin_m(&self, tan_delta: f64) -> f64 {
+        self.h_at_m(tan_delta, self.fastest_mps) - self.target()
+    }
+
+    fn h_at_m(&self, tan_delta: f64, next_mps: f64) -> f64 {
+        let Self { lateral, side, .. } = *self;
+        let step_m = lateral.speed_mps * STEP_S;
+        let noise = lateral.safety.noise_curvature_per_m * step_m;
+        let turned = lateral.next.psi_rad + step_m / lateral.wheelbase_m * tan_delta;
+        let reach_m = match self.part {
+            Part::Front => {
+                let psi = side.sign() * turned + noise;
+                lateral.excursion_m(lateral.next.s_m, next_mps, psi)
+            }
+            Part::Rear => lateral.rear_swing_m(side.sign() * turned - noise),
+        };
+        lateral.edge_m(side) - lateral.next_d_m(side) - reach_m
+    }
+}
+
+/// Room below which a row is met: the rounding of positions on a curved road.
+const ROUNDING_M: f64 = 1e-9;
+
+impl Barrier for Steering<'_> {
+    fn kind(&self) -> BarrierKind {
+        self.side.kind()
+    }
+
+    fn h(&self) -> f64 {
+        match self.part {
+            Part::Front => self.lateral.front_h_m(self.side),
+            Part::Rear => self.lateral.rear_h_m(self.side),
         }
     }
 
-    fn up_to(&self, s_m: f64) -> f64 {
-        let stretch = ((s_m - self.first_m) / STRETCH_M).max(0.0) as usize;
-        self.running_max
-            .get(stretch)
-            .copied()
-            .unwrap_or(self.sharpest)
+    fn h_next(&self, u: ControlInput) -> f64 {
+        self.h_at_m(u.tan_delta, self.lateral.next_mps(u.accel_mps2))
     }
-}
 
-/// |tan(delta)| in U at this speed: the steering's stop and the lateral acceleration.
-pub fn tan_delta_limit(speed_mps: f64, wheelbase_m: f64, settings: &SafetySettings) -> f64 {
-    let grip = settings.lateral_accel_max_mps2 * wheelbase_m / speed_mps.powi(2).max(1e-9);
-    settings.tan_delta_max.min(grip)
-}
+    fn target(&self) -> f64 {
+        target(self.h(), self.lateral.safety.eta)
+    }
 
-/// The lanes' strip: from the right edge of the rightmost to the left edge of the leftmost.
-pub fn strip_of(road: &Road, lanes: &[covista_world::LaneIndex]) -> Strip {
-    let start = Strip {
-        right_m: half_width_m(road),
-        left_m: -half_width_m(road),
-    };
-    lanes.iter().fold(start, |strip, &lane| {
-        let (right_m, left_m) = road.lane_bounds_m(lane);
-        Strip {
-            right_m: strip.right_m.min(right_m),
-            left_m: strip.left_m.max(left_m),
+    fn row(&self) -> Row {
+        let Self { lateral, .. } = *self;
+        let h = self.h();
+        let kept = target(h, lateral.safety.eta) - ROUNDING_M;
+        let lock = tan_delta_limit(lateral.speed_mps, lateral.wheelbase_m, lateral.safety);
+        // The front must not turn towards the side too much, the rear not away from it.
+        let towards = match self.part {
+            Part::Front => self.side,
+            Part::Rear => self.side.mirrored(),
+        };
+        let margin = |most: f64| self.h_at_m(towards.sign() * most, self.fastest_mps) - kept;
+        let most = match largest(-lock, lock, margin) {
+            Some(most) if most >= lock => f64::INFINITY,
+            Some(most) => most,
+            None => f64::NEG_INFINITY,
+        };
+        match towards {
+            Side::Left => Row::at_most(self.kind(), Input::TanDelta, most, h),
+            Side::Right => Row::at_least(self.kind(), Input::TanDelta, -most, h),
         }
-    })
-}
-
-/// Whether a heading difference is small enough to call a lane change done.
-pub fn is_parallel(psi_rad: f64) -> bool {
-    wrap_angle(psi_rad).abs() < 0.03
+    }
 }

@@ -1,6 +1,8 @@
-//! One file for each barrier. Each states h and the interval that its row leaves to one component
-//! of u.
+//! One file for each barrier. Each states h, what h becomes, and the interval that this leaves to
+//! one component of u.
 
+pub mod affine;
+pub mod bounds;
 pub mod curve_speed;
 pub mod front;
 pub mod lateral;
@@ -8,6 +10,26 @@ pub mod rear;
 pub mod sight;
 
 use covista_world::{BarrierKind, ControlInput};
+
+use crate::memory::Excuse;
+
+/// A barrier h at one state x.
+pub trait Barrier {
+    /// Its name.
+    fn kind(&self) -> BarrierKind;
+
+    /// h(x): in metres, but in m/s for the curve speed.
+    fn h(&self) -> f64;
+
+    /// The smallest h(x+) under u that noise, error and the others' worst behaviour allow.
+    fn h_next(&self, u: ControlInput) -> f64;
+
+    /// What h(x+) must reach.
+    fn target(&self) -> f64;
+
+    /// The inputs with h(x+) at its target, as an interval of one component of u.
+    fn row(&self) -> Row;
+}
 
 /// The component of u that a row bounds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,6 +57,8 @@ pub struct Row {
     pub h: f64,
     /// h_0(x) of the collision level, in metres; infinite where there is none.
     pub h0_m: f64,
+    /// Why h may be negative.
+    pub excuse: Option<Excuse>,
 }
 
 impl Row {
@@ -48,6 +72,7 @@ impl Row {
             upper,
             h,
             h0_m: f64::INFINITY,
+            excuse: None,
         }
     }
 
@@ -59,9 +84,7 @@ impl Row {
             ..Self::at_most(kind, input, f64::INFINITY, h)
         }
     }
-}
 
-impl Row {
     /// Whether `u` meets the row.
     pub fn admits(&self, u: ControlInput) -> bool {
         (self.lower..=self.upper).contains(&self.component(u))

@@ -1,44 +1,89 @@
-use covista_world::{BarrierKind, STEP_S};
+use covista_world::{BarrierKind, ControlInput, STEP_S};
 
 use super::front::{Ahead, Gap, recovery_accel_mps2};
-use super::{Input, ROUNDING_M, Row, target};
-use crate::situation::{ArcRates, lane_arc_m};
+use super::{Barrier, Input, ROUNDING_M, Row, target};
 use crate::{Closing, SafetySettings};
 
-/// h_vis = s_clear - P_bumper - D(v, 0): something may stand where the sight ends.
+/// h_vis = s_clear - P_bumper - D(v, 0): something may stand where the sight ends. It is taken to
+/// be as long as the ego vehicle.
 ///
 /// A line of sight that breaks off inside the set (a leader's cut-out, a passing truck) is outside
 /// the promise; speed then follows with the gentle braking.
-pub fn row(ahead: &Ahead<'_>, clear_s_m: f64, settings: &SafetySettings) -> Row {
-    let rates = ArcRates::new(ahead.road, ahead.off_center_m);
-    let closing = Closing::new(settings, rates.high, 1.0);
-    let gap = gap(ahead, clear_s_m);
-    // The hidden thing is taken to be as long as the ego vehicle.
-    let keep_m = ahead.headway_bumper_m(ahead.ego.dimensions.length_m, settings);
-    let h = gap.h_m(&closing, keep_m);
-    let upper = if h >= -ROUNDING_M {
-        gap.accel_max_mps2(&closing, settings, keep_m, target(h, settings.eta), 0.0)
-    } else if ahead.leaving && gap.speed_mps <= settings.leaving_speed_mps {
-        let h0 = gap.h_m(&closing, settings.collision_margin_m);
-        let kept = target(h0, settings.eta);
-        gap.accel_max_mps2(&closing, settings, settings.collision_margin_m, kept, 0.0)
-            .min((settings.leaving_speed_mps - gap.speed_mps) / STEP_S)
-    } else {
-        recovery_accel_mps2(gap, &closing, keep_m, settings)
-    };
-    Row::at_most(BarrierKind::Sight, Input::Accel, upper, h)
+#[derive(Debug, Clone, Copy)]
+pub struct Sight<'a> {
+    safety: &'a SafetySettings,
+    closing: Closing,
+    gap: Gap,
+    keep_m: f64,
+    h_m: f64,
+    leaving: bool,
+}
+
+impl<'a> Sight<'a> {
+    /// Where the lane is said to be free up to road s `clear_s_m`.
+    pub fn new(ahead: &Ahead<'_>, clear_s_m: f64, safety: &'a SafetySettings) -> Self {
+        let closing = Closing::new(safety, ahead.rates.high, 1.0);
+        let gap = gap(ahead, clear_s_m, safety);
+        let keep_m = ahead.headway_bumper_m(ahead.ego.dimensions.length_m, safety);
+        Self {
+            safety,
+            closing,
+            gap,
+            keep_m,
+            h_m: gap.h_m(&closing, keep_m),
+            leaving: ahead.leaving && gap.speed_mps <= safety.leaving_speed_mps,
+        }
+    }
+
+    fn limit_mps2(&self, keep_m: f64, h: f64) -> f64 {
+        let kept = target(h, self.safety.eta);
+        self.gap
+            .accel_max_mps2(&self.closing, self.safety, keep_m, kept, 0.0)
+    }
+}
+
+impl Barrier for Sight<'_> {
+    fn kind(&self) -> BarrierKind {
+        BarrierKind::Sight
+    }
+
+    fn h(&self) -> f64 {
+        self.h_m
+    }
+
+    fn h_next(&self, u: ControlInput) -> f64 {
+        self.gap
+            .h_next_m(&self.closing, self.safety, self.keep_m, 0.0, u.accel_mps2)
+    }
+
+    fn target(&self) -> f64 {
+        target(self.h_m, self.safety.eta)
+    }
+
+    fn row(&self) -> Row {
+        let upper = if self.h_m >= -ROUNDING_M {
+            self.limit_mps2(self.keep_m, self.h_m)
+        } else if self.leaving {
+            let margin_m = self.safety.collision_margin_m;
+            let h0 = self.gap.h_m(&self.closing, margin_m);
+            let slow = (self.safety.leaving_speed_mps - self.gap.speed_mps) / STEP_S;
+            self.limit_mps2(margin_m, h0).min(slow)
+        } else {
+            recovery_accel_mps2(self.gap, &self.closing, self.keep_m, self.safety)
+        };
+        Row::at_most(BarrierKind::Sight, Input::Accel, upper, self.h_m)
+    }
 }
 
 /// Sight beyond this changes nothing.
 const FARTHEST_M: f64 = 1e4;
 
-/// From the ego vehicle's front to the end of what is seen, along the lane.
-pub fn gap(ahead: &Ahead<'_>, clear_s_m: f64) -> Gap {
-    let reach = ArcRates::new(ahead.road, ahead.off_center_m).high * ahead.ego.front_reach_m();
+/// From the ego vehicle's front to the end of what is surely free, along the lane.
+pub fn gap(ahead: &Ahead<'_>, clear_s_m: f64, safety: &SafetySettings) -> Gap {
     let from_m = ahead.ego.frenet.s_m;
-    let to_m = clear_s_m.clamp(from_m, from_m + FARTHEST_M);
+    let to_m = (clear_s_m - safety.sight_error_m).clamp(from_m, from_m + FARTHEST_M);
     Gap {
-        gap_m: lane_arc_m(ahead.road, ahead.lane, from_m, to_m) - reach,
+        gap_m: ahead.gap_to_m(to_m),
         speed_mps: ahead.ego.state.speed_mps,
         leader_mps: 0.0,
     }

@@ -2,9 +2,7 @@ use covista_world::{ControlInput, STEP_S};
 
 use super::*;
 use crate::barriers::Input;
-use crate::filter::filter;
 use crate::manoeuvre::Course;
-use crate::rows::rows;
 
 /// Random steering and acceleration against the rows; returns (lowest h_y, infeasible steps, the
 /// body's farthest excess over the lane).
@@ -28,21 +26,12 @@ fn campaign(road: &Road, top_mps: f64, seed: u64, laps: usize) -> (f64, usize, f
             let u = drive.with_situation(|_, situation| {
                 let rows = rows(situation, &Course::keep(lane(1)), &safety);
                 lowest = lowest.min(rows.h_lateral_m);
-                let (mut least, mut most) = (-rows.bounds.tan_delta, rows.bounds.tan_delta);
-                for row in rows.hard.iter().filter(|row| row.input == Input::TanDelta) {
-                    least = least.max(row.lower);
-                    most = most.min(row.upper);
-                }
+                let (least, most) = rows.interval(Input::TanDelta);
                 infeasible += usize::from(least > most + 1e-9);
-                // Off the solver's path, for speed: the rows are intervals.
-                let (lower, upper) = rows.accel_interval();
-                if step % 50 == 0 {
-                    filter(reference, &rows, 0.0).u
-                } else {
-                    ControlInput {
-                        tan_delta: reference.tan_delta.max(least).min(most),
-                        accel_mps2: reference.accel_mps2.max(lower).min(upper),
-                    }
+                let (lower, upper) = rows.interval(Input::Accel);
+                ControlInput {
+                    tan_delta: reference.tan_delta.max(least).min(most),
+                    accel_mps2: reference.accel_mps2.max(lower).min(upper),
                 }
             });
             let (right, left) = drive.ego().lateral_extent_m(&drive.road);

@@ -1,9 +1,10 @@
 use covista_world::{BicycleState, ControlInput, FilterOutcome, STEP_S, Se2Pose};
 
 use super::*;
-use crate::barriers::front::Ahead;
+use crate::barriers::Input;
+use crate::barriers::front::{Ahead, Front};
 use crate::manoeuvre::Course;
-use crate::rows::{ahead_in, rows};
+use crate::rows::ahead_in;
 
 /// What one campaign found.
 #[derive(Debug, Default)]
@@ -49,7 +50,7 @@ fn campaign(road: &Road, safety: SafetySettings, noisy: bool, seed: u64) -> Foun
             }
             let output = drive.with_situation(|controller, situation| {
                 let rows = rows(situation, &Course::keep(lane(1)), &safety);
-                let (lower, upper) = rows.accel_interval();
+                let (lower, upper) = rows.interval(Input::Accel);
                 let output = controller.control(situation);
                 // Harder than the reference: as much acceleration as the rows leave.
                 let u = ControlInput {
@@ -165,7 +166,7 @@ fn a_cut_in_is_excused_and_recovered_gently() {
     drive.others[0].d_m = 0.8;
     let output = drive.control();
     assert!(output.h_m < 0.0 && output.h0_m > 0.0, "{output:?}");
-    assert_eq!(output.excused[0].excuse, crate::Excuse::CutIn);
+    assert_eq!(drive.controller.excused()[0].excuse, crate::Excuse::CutIn);
     let mut hardest = 0.0_f64;
     for _ in 0..2500 {
         let output = drive.control();
@@ -175,7 +176,10 @@ fn a_cut_in_is_excused_and_recovered_gently() {
     }
     assert!(hardest >= -4.0, "{hardest}");
     let output = drive.control();
-    assert!(output.h_m > 0.0 && output.excused.is_empty(), "{output:?}");
+    assert!(
+        output.h_m > 0.0 && drive.controller.excused().is_empty(),
+        "{output:?}"
+    );
 }
 
 #[test]
@@ -265,7 +269,13 @@ fn the_closest_of_all_vehicles_ahead_counts() {
     let both = drive.control().h_m;
     let standing = drive.with_situation(|_, situation| {
         let ahead: Vec<Ahead<'_>> = ahead_in(situation, &Course::keep(lane(1))).collect();
-        ahead[0].levels(&situation.neighbours[1], &safety).h_m
+        let closing = ahead[0].closing(&safety);
+        crate::barriers::Barrier::h(&Front::new(
+            &ahead[0],
+            closing,
+            &situation.neighbours[1],
+            &safety,
+        ))
     });
     assert!((both - standing).abs() < 1e-12);
 }

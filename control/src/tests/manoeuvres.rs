@@ -176,6 +176,8 @@ fn a_change_into_a_lane_that_is_cut_off_is_aborted() {
     // Somebody stands in the target lane who was not known.
     let s_m = drive.ego().frenet.s_m;
     drive.others = vec![Other::new(5, s_m + 16.0, 3.5, 0.0)];
+    // One step sees the threat, the next gives up.
+    drive.control();
     drive.control();
     assert!(matches!(
         drive.controller.manoeuvre(),

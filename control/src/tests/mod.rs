@@ -9,9 +9,14 @@ use covista_world::{
     STEP_S, Se2Pose, Sighting, StationId, Track, VehicleDimensions, bicycle_step,
 };
 
+use std::sync::Arc;
+
+use crate::manoeuvre::Course;
+use crate::memory::Memory;
+use crate::rows::Rows;
 use crate::{
-    ControlOutput, ControlSettings, Controller, EgoState, Neighbour, SafetySettings, SightLine,
-    Situation,
+    ControlOutput, ControlSettings, Controller, EgoState, Neighbour, RoadProfile, SafetySettings,
+    SightLine, Situation,
 };
 
 pub const SEDAN: VehicleDimensions = VehicleDimensions {
@@ -21,6 +26,13 @@ pub const SEDAN: VehicleDimensions = VehicleDimensions {
     wheelbase_m: 2.51,
     rear_overhang_m: 0.95,
 };
+
+/// The rows of a course, without memory.
+pub fn rows(situation: &Situation<'_>, course: &Course, safety: &SafetySettings) -> Rows {
+    let mut rows = Rows::default();
+    rows.collect(situation, course, &Memory::default(), safety);
+    rows
+}
 
 /// A small deterministic generator.
 pub struct Dice(pub u64);
@@ -129,7 +141,8 @@ impl Other {
 
 /// The ego vehicle with its controller on a road.
 pub struct Drive {
-    pub road: Road,
+    pub road: Arc<Road>,
+    pub profile: RoadProfile,
     pub controller: Controller,
     pub state: BicycleState,
     pub others: Vec<Other>,
@@ -153,6 +166,7 @@ impl Drive {
         s_m: f64,
         speed_mps: f64,
     ) -> Self {
+        let road = Arc::new(road);
         let d_m = road.lane_center_m(lane(in_lane));
         let center = road.pose_from_frenet(s_m, d_m, 0.0);
         Self {
@@ -161,6 +175,7 @@ impl Drive {
                 pose: SEDAN.axle_pose(center),
                 speed_mps,
             },
+            profile: RoadProfile::new(road.clone(), &settings),
             road,
             others: Vec::new(),
             clear_s_m: 1e4,
@@ -186,7 +201,7 @@ impl Drive {
             })
             .collect();
         let situation = Situation {
-            road: &self.road,
+            profile: &self.profile,
             ego: EgoState::new(STATION, self.state, SEDAN, &self.road),
             neighbours: &neighbours,
             sight: &SightLine::new([self.clear_s_m; 3], self.time_s),

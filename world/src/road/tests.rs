@@ -47,6 +47,31 @@ fn a_clothoid_turns_by_half_its_length_times_its_curvature() {
 }
 
 #[test]
+fn a_full_turn_is_not_wrapped() {
+    let arc = RoadSegment::Arc {
+        length_m: 1000.0,
+        curvature_per_m: -0.01,
+    };
+    let road = Road::new(Se2Pose::default(), &[arc], 3.5).expect("a road");
+    assert!((road.turn_rad(10.0, 810.0) + 8.0).abs() < 1e-9);
+    assert!((road.turn_rad(810.0, 10.0) - 8.0).abs() < 1e-9);
+    assert!((road.turn_rad(-50.0, 1200.0) + 10.0).abs() < 1e-9);
+    assert!(road.max_abs_curvature(1010.0, 1020.0).abs() < 1e-15);
+}
+
+proptest! {
+    #[test]
+    fn the_sharpest_of_a_stretch_is_that_of_its_points(from in -20.0..380.0_f64, length in 0.0..200.0_f64) {
+        let road = corner();
+        let sampled = (0..=2000)
+            .map(|i| road.reference(from + length * f64::from(i) / 2000.0).1.abs())
+            .fold(0.0, f64::max);
+        let exact = road.max_abs_curvature(from, from + length);
+        prop_assert!(exact >= sampled - 1e-12 && exact <= sampled + 1e-4, "{exact} {sampled}");
+    }
+}
+
+#[test]
 fn lanes_are_counted_from_the_left() {
     let road = corner();
     assert_eq!(road.lane_at(3.5), Some(LaneIndex::LEFTMOST));

@@ -1,0 +1,172 @@
+use covista_world::{Action, FrenetPoint, LaneIndex, Road, Se2Pose, StationId, Track};
+use nalgebra::{Rotation2, Vector2};
+
+use crate::situation::lateral_extent_m;
+use crate::{EgoState, LaneSet, SafetySettings};
+
+/// Another vehicle on the road, as the ego vehicle knows it: a best estimate and the worst that
+/// the estimate's error and age allow.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Neighbour {
+    /// The track's id.
+    pub id: u32,
+    /// Its station, where it is a CAV.
+    pub station: Option<StationId>,
+    /// Lanes that it reaches into, by geometry or by vision.
+    pub lanes: LaneSet,
+    /// Road s of its rear bumper now, estimated.
+    pub s_rear_m: f64,
+    /// Road s of its front bumper now, estimated.
+    pub s_front_m: f64,
+    /// Offset d of its right side.
+    pub d_right_m: f64,
+    /// Offset d of its left side.
+    pub d_left_m: f64,
+    /// Speed along the road now, estimated.
+    pub speed_mps: f64,
+    /// Length of its body.
+    pub length_m: f64,
+    /// Road s of its rear bumper if it braked with b_l ever since it was measured.
+    pub worst_s_rear_m: f64,
+    /// Its speed then.
+    pub worst_slow_mps: f64,
+    /// Road s of its front bumper if it accelerated with a_b ever since it was measured.
+    pub worst_s_front_m: f64,
+    /// Its speed then.
+    pub worst_fast_mps: f64,
+    /// The action that it announced, where it is a CAV.
+    pub action: Option<Action>,
+    /// When it announced that action.
+    pub announced_s: Option<f64>,
+}
+
+/// How far from a lane a body may be for vision's lane to be believed.
+const VISION_LANE_REACH_M: f64 = 1.0;
+
+impl Neighbour {
+    /// Places a track on the road at time `now_s`; `None` where it is not finite.
+    pub fn from_track(
+        track: &Track,
+        road: &Road,
+        now_s: f64,
+        settings: &SafetySettings,
+    ) -> Option<Self> {
+        let state = &track.state;
+        let measured_s = if track.sightings.is_empty() {
+            track.time_s
+        } else {
+            track.measured_s().min(track.time_s)
+        };
+        let age_s = (now_s - measured_s).max(0.0);
+        // The track goes on straight; from where it was measured the vehicle follows the road.
+        let straight = state.velocity_mps * (track.time_s - measured_s);
+        let measured = Se2Pose {
+            x_m: state.center.x_m - straight.x,
+            y_m: state.center.y_m - straight.y,
+            ..state.center
+        };
+        let center = road.to_frenet(measured.position());
+        let (along_road, _) = road.reference(center.s_m);
+        let velocity = Rotation2::new(-along_road.yaw_rad) * state.velocity_mps;
+        // An offset d from the reference line makes each of its metres 1 - kappa d metres long.
+        let stretch = (1.0 - road.curvature(center.s_m) * center.d_m).max(0.5);
+        let speed_mps = velocity.x.max(0.0);
+        let sideways_m = velocity.y * age_s;
+        let position_error_m = settings.error_sigmas * track.position_std_m;
+        let speed_error_mps = settings.error_sigmas * track.velocity_std_mps;
+
+        let half = Vector2::new(state.length_m / 2.0, state.width_m / 2.0);
+        let corners = [(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)]
+            .map(|(x, y)| measured.transform(Vector2::new(x * half.x, y * half.y)));
+        let on_road = corners.map(|corner| road.to_frenet_near(corner, center.s_m));
+        let rear_m = fold_s(&on_road, f64::min);
+        let front_m = fold_s(&on_road, f64::max);
+        let (right_m, left_m) = lateral_extent_m(corners, road, center.s_m);
+        let (d_right_m, d_left_m) = (right_m + sideways_m, left_m + sideways_m);
+
+        let driven_so_far_m = speed_mps * age_s / stretch;
+        let slow_mps = (speed_mps - speed_error_mps).max(0.0);
+        let braking_s = age_s.min(slow_mps / settings.leader_brake_mps2);
+        let braked_m = slow_mps * braking_s - 0.5 * settings.leader_brake_mps2 * braking_s.powi(2);
+        let fast_mps = speed_mps + speed_error_mps;
+        let driven_m = fast_mps * age_s + 0.5 * settings.follower_accel_mps2 * age_s.powi(2);
+
+        let heard_s = track.station.and_then(|station| track.seen_by(station));
+        let intends =
+            heard_s.is_some_and(|heard_s| now_s - heard_s <= settings.announcement_s + 1e-9);
+
+        let neighbour = Self {
+            id: track.id,
+            station: track.station,
+            lanes: lanes_of(track, road, d_right_m, d_left_m, settings.lane_entry_m),
+            s_rear_m: rear_m + driven_so_far_m,
+            s_front_m: front_m + driven_so_far_m,
+            d_right_m,
+            d_left_m,
+            speed_mps,
+            length_m: state.length_m,
+            worst_s_rear_m: rear_m + braked_m / stretch - position_error_m,
+            worst_slow_mps: (slow_mps - settings.leader_brake_mps2 * age_s).max(0.0),
+            worst_s_front_m: front_m + driven_m / stretch + position_error_m,
+            worst_fast_mps: fast_mps + settings.follower_accel_mps2 * age_s,
+            action: track.action.filter(|_| intends),
+            announced_s: track.announced_s.filter(|_| intends),
+        };
+        neighbour.is_finite().then_some(neighbour)
+    }
+
+    pub(crate) fn center_s_m(&self) -> f64 {
+        0.5 * (self.s_rear_m + self.s_front_m)
+    }
+
+    /// Whether it is ahead of the ego vehicle: by the bodies' centres.
+    pub(crate) fn is_ahead_of(&self, ego: &EgoState) -> bool {
+        self.center_s_m() > ego.frenet.s_m + ego.dimensions.center_ahead_of_axle_m()
+    }
+
+    /// The lane that it announced to enter.
+    pub(crate) fn entering(&self, road: &Road) -> Option<LaneIndex> {
+        let lane = road.lane_at(0.5 * (self.d_right_m + self.d_left_m))?;
+        match self.action? {
+            Action::ChangeLeft => lane.left(),
+            Action::ChangeRight => lane.right(),
+            Action::KeepLane | Action::EmergencyStop => None,
+        }
+    }
+
+    pub(crate) fn is_finite(&self) -> bool {
+        [
+            self.s_rear_m,
+            self.s_front_m,
+            self.d_right_m,
+            self.d_left_m,
+            self.speed_mps,
+            self.length_m,
+            self.worst_s_rear_m,
+            self.worst_slow_mps,
+            self.worst_s_front_m,
+            self.worst_fast_mps,
+            self.announced_s.unwrap_or(0.0),
+        ]
+        .iter()
+        .all(|x| x.is_finite())
+    }
+}
+
+fn fold_s(points: &[FrenetPoint; 4], pick: fn(f64, f64) -> f64) -> f64 {
+    points
+        .iter()
+        .map(|point| point.s_m)
+        .fold(points[0].s_m, pick)
+}
+
+fn lanes_of(track: &Track, road: &Road, right_m: f64, left_m: f64, entry_m: f64) -> LaneSet {
+    let mut lanes = LaneSet::between(road, right_m, left_m, entry_m);
+    if let Some(lane) = track.lane {
+        let near = LaneSet::between(road, right_m, left_m, -VISION_LANE_REACH_M);
+        if near.contains(lane) {
+            lanes.insert(lane);
+        }
+    }
+    lanes
+}
