@@ -4,8 +4,8 @@
 /// below zero, and lasts until it is back. Its cause is found once, when it begins:
 ///
 /// - `start`, `cut-in` and `revealed` excuse it only where h, less the promise's own allowance for
-///   noise and curvature, was already negative when the run began, the vehicle entered the lane or
-///   it came into sight, and has been so ever since;
+///   noise, curvature and the error of what the CAV knows of the vehicle, was already negative when
+///   the run began, the vehicle entered the lane or it came into sight, and has been so ever since;
 /// - every other cause is an observation that a bound of `SafetySettings` did not hold, for this
 ///   pair of vehicles, at the time or within the three seconds before: as long as braking to
 ///   standstill takes.

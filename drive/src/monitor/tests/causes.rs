@@ -156,14 +156,14 @@ fn knowledge_that_is_too_old_is_named() {
 #[test]
 fn an_error_beyond_its_bound_is_named() {
     let wrong: [Know; 3] = [
-        // Farther than it is by more than three deviations of 0.2 m.
+        // Farther than it is by more than three deviations of 0.05 m.
         |mut track, _| {
-            track.state.center.x_m += 0.7;
+            track.state.center.x_m += 0.2;
             Some(track)
         },
-        // Faster than it is by more than three deviations of 0.3 m/s.
+        // Faster than it is by more than three deviations of 0.05 m/s.
         |mut track, _| {
-            track.state.velocity_mps.x += 1.0;
+            track.state.velocity_mps.x += 0.2;
             Some(track)
         },
         // Not in the lane that it is in.
@@ -178,8 +178,8 @@ fn an_error_beyond_its_bound_is_named() {
     let harmless: [Know; 4] = [
         exactly,
         |mut track, _| {
-            track.state.center.x_m += 0.59;
-            track.state.velocity_mps.x += 0.89;
+            track.state.center.x_m += 0.14;
+            track.state.velocity_mps.x += 0.14;
             Some(track)
         },
         // Nearer and slower than it is: the CAV is only the more careful.
