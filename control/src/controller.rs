@@ -57,6 +57,7 @@ pub struct Controller {
     qp: Qp,
     // Storage of one step, used again in the next.
     rows: Rows,
+    judged: Rows,
     affine: Vec<AffineRow>,
 }
 
@@ -75,6 +76,7 @@ impl Controller {
             barriers: Vec::new(),
             qp: Qp::default(),
             rows: Rows::default(),
+            judged: Rows::default(),
             affine: Vec::new(),
         })
     }
@@ -112,7 +114,12 @@ impl Controller {
     /// While a lane change runs, its own action stands for going on and keeping lane for going back.
     pub fn verdict(&self, situation: &Situation<'_>, action: Action) -> ActionVerdict {
         let manoeuvre = self.manoeuvre();
-        let judge = self.judge(situation);
+        let mut judge = Judge {
+            situation,
+            memory: &self.memory,
+            safety: &self.settings.safety,
+            rows: &mut Rows::default(),
+        };
         match self.settings.mode {
             Mode::Safe => judge.verdict(&manoeuvre, action),
             Mode::Off => judge.possible(&manoeuvre, action),
@@ -157,12 +164,14 @@ impl Controller {
     }
 
     fn advance(&mut self, situation: &Situation<'_>) {
-        let judge = Judge {
+        let mut judge = Judge {
             situation,
             memory: &self.memory,
             safety: &self.settings.safety,
+            rows: &mut self.judged,
         };
-        self.execution.advance(&judge, &self.rows, &self.settings);
+        self.execution
+            .advance(&mut judge, &self.rows, &self.settings);
     }
 
     fn filtered(
@@ -274,14 +283,6 @@ impl Controller {
         }
         for row in &mut self.rows.rear {
             row.lower = row.lower.min(0.0);
-        }
-    }
-
-    fn judge<'a>(&'a self, situation: &'a Situation<'a>) -> Judge<'a> {
-        Judge {
-            situation,
-            memory: &self.memory,
-            safety: &self.settings.safety,
         }
     }
 

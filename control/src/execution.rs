@@ -63,7 +63,7 @@ impl Execution {
 
     /// Starts an announced change that is safe, gives up one that is threatened by `rows`, those of
     /// the last step, or not wanted any more, ends one that is done.
-    pub fn advance(&mut self, judge: &Judge<'_>, rows: &Rows, settings: &ControlSettings) {
+    pub fn advance(&mut self, judge: &mut Judge<'_>, rows: &Rows, settings: &ControlSettings) {
         let situation = judge.situation;
         let (safety, reference) = (&settings.safety, &settings.reference);
         match self.manoeuvre {

@@ -4,13 +4,13 @@
 /// The answer is on the safe side: its own margin was computed and is not negative. False position
 /// with the Illinois rule, every third step a bisection, so that jumps do no harm.
 pub(crate) fn largest(low: f64, high: f64, margin: impl Fn(f64) -> f64) -> Option<f64> {
-    let (mut yes, mut at_yes) = (low, margin(low));
-    if at_yes.is_nan() || at_yes < 0.0 {
-        return None;
-    }
     let (mut no, mut at_no) = (high, margin(high));
     if at_no >= 0.0 {
         return Some(high);
+    }
+    let (mut yes, mut at_yes) = (low, margin(low));
+    if at_yes.is_nan() || at_yes < 0.0 {
+        return None;
     }
     let mut last_was_yes = None;
     for step in 0..200 {

@@ -101,7 +101,13 @@ impl Qp {
         self.inequalities.clear();
         self.inequalities.extend(inequalities);
         // A row that no input moves is met or not; as a row it would stall the solver.
-        let is_empty = |row: &Inequality| !row.soft && row.coefficients == [0.0; 2];
+        let is_empty = |row: &Inequality| {
+            !row.soft
+                && row
+                    .coefficients
+                    .iter()
+                    .all(|coefficient| coefficient.abs() <= 0.0)
+        };
         if self
             .inequalities
             .iter()

@@ -1,4 +1,4 @@
-use covista_world::{BarrierKind, ControlInput, FrenetPose, LaneIndex, bicycle_step};
+use covista_world::{BarrierKind, ControlInput, FrenetPose, LaneIndex, STEP_S, bicycle_step};
 
 use crate::barriers::bounds::Bounds;
 use crate::barriers::curve_speed::CurveSpeed;
@@ -132,11 +132,16 @@ pub fn shortfall(
 
 /// Where the ego vehicle is one step on when it drives straight on; steering moves it no less.
 fn straight_on(situation: &Situation<'_>) -> FrenetPose {
-    let ego = &situation.ego;
-    let straight = bicycle_step(ego.state, Default::default(), ego.dimensions.wheelbase_m);
-    situation
-        .road()
-        .to_frenet_pose_near(straight.pose, ego.frenet.s_m)
+    let EgoState {
+        state,
+        dimensions,
+        frenet,
+        ..
+    } = &situation.ego;
+    let straight = bicycle_step(*state, Default::default(), dimensions.wheelbase_m);
+    let about_m = frenet.s_m + state.speed_mps * frenet.psi_rad.cos() * STEP_S;
+    let road = situation.road();
+    road.to_frenet_pose_near(straight.pose, about_m)
 }
 
 /// Every barrier that bounds the acceleration.

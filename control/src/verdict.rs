@@ -13,7 +13,7 @@ use crate::{Manoeuvre, Mode, Neighbour, SafetySettings, Situation};
 const STANDING_MPS: f64 = 0.5;
 
 /// What a verdict rests on.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug)]
 pub struct Judge<'a> {
     /// All that is known now.
     pub situation: &'a Situation<'a>,
@@ -21,12 +21,14 @@ pub struct Judge<'a> {
     pub memory: &'a Memory,
     /// The assumptions.
     pub safety: &'a SafetySettings,
+    /// Storage of the rows that are looked at.
+    pub rows: &'a mut Rows,
 }
 
 impl Judge<'_> {
     /// Whether `action` is safe now (Alg. 1, line 2): the CBF-QP with its rows is feasible with no
     /// slack.
-    pub fn verdict(&self, manoeuvre: &Manoeuvre, action: Action) -> ActionVerdict {
+    pub fn verdict(&mut self, manoeuvre: &Manoeuvre, action: Action) -> ActionVerdict {
         let against = match (*manoeuvre, action) {
             (_, Action::EmergencyStop) => None,
             (Manoeuvre::ChangeLane { from, to, .. }, Action::KeepLane) => {
@@ -71,7 +73,7 @@ impl Judge<'_> {
     }
 
     /// Whether a mode starts `action` now.
-    pub fn is_safe(&self, mode: Mode, manoeuvre: &Manoeuvre, action: Action) -> bool {
+    pub fn is_safe(&mut self, mode: Mode, manoeuvre: &Manoeuvre, action: Action) -> bool {
         let verdict = match mode {
             Mode::Safe => self.verdict(manoeuvre, action),
             Mode::Paper | Mode::Off => self.possible(manoeuvre, action),
@@ -80,7 +82,7 @@ impl Judge<'_> {
     }
 
     /// Whether a mode gives up the change from `from` to `to` now, if that is wanted.
-    pub fn may_return(&self, mode: Mode, from: LaneIndex, to: LaneIndex) -> bool {
+    pub fn may_return(&mut self, mode: Mode, from: LaneIndex, to: LaneIndex) -> bool {
         match mode {
             Mode::Safe => self.against_return(from, to).is_none(),
             Mode::Paper | Mode::Off => self.is_nearer_to(from, to),
@@ -89,11 +91,11 @@ impl Judge<'_> {
 
     /// What stands against giving a lane change to `to` up: the body has left `from` by more than
     /// half, or somebody is in the way back.
-    fn against_return(&self, from: LaneIndex, to: LaneIndex) -> Option<BarrierKind> {
+    fn against_return(&mut self, from: LaneIndex, to: LaneIndex) -> Option<BarrierKind> {
         if !self.is_nearer_to(from, to) {
             return Some(BarrierKind::Manoeuvre);
         }
-        let rows = self.rows(&Course::change(to, from));
+        let rows = self.collect(&Course::change(to, from));
         let in_the_way = |row: &&Row| row.kind != BarrierKind::FrontCurrent;
         broken(
             rows.hard.iter().chain(&rows.rear).filter(in_the_way),
@@ -102,31 +104,32 @@ impl Judge<'_> {
     }
 
     /// A change that runs goes on while no collision level is broken and there is an input.
-    fn against_going_on(&self, from: LaneIndex, to: LaneIndex) -> Option<BarrierKind> {
-        let mut rows = self.rows(&Course::change(from, to));
+    fn against_going_on(&mut self, from: LaneIndex, to: LaneIndex) -> Option<BarrierKind> {
+        let rows = self.collect(&Course::change(from, to));
         rows.rear.clear();
-        broken(&rows.hard, |row| row.h0_m).or_else(|| infeasible(&rows))
+        broken(&rows.hard, |row| row.h0_m).or_else(|| infeasible(rows))
     }
 
-    fn against_course(&self, course: &Course) -> Option<BarrierKind> {
-        let rows = self.rows(course);
-        broken(&rows.hard, |row| row.h0_m).or_else(|| infeasible(&rows))
+    fn against_course(&mut self, course: &Course) -> Option<BarrierKind> {
+        let rows = self.collect(course);
+        broken(&rows.hard, |row| row.h0_m).or_else(|| infeasible(rows))
     }
 
     /// A lane change may start when every vehicle that is in the target lane, enters it or may
     /// enter it leaves room: h >= 0 at the start, and lower <= upper bounds on the input. In the
     /// lane that is left the distance level may be recovering, and its end may be seen.
     fn against_change(
-        &self,
+        &mut self,
         from: LaneIndex,
         to: LaneIndex,
         announced_s: f64,
     ) -> Option<BarrierKind> {
         let course = Course::change(from, to);
-        let mut rows = self.rows(&course);
+        self.collect(&course);
         let target = ahead_in(self.situation, &course)
             .find(|ahead| ahead.kind == BarrierKind::FrontTarget)?;
-        self.add_entering(&target, announced_s, &mut rows);
+        self.add_entering(&target, announced_s);
+        let rows = &*self.rows;
         let level = |row: &Row| match row.kind {
             BarrierKind::FrontCurrent => row.h0_m,
             BarrierKind::Sight => f64::INFINITY,
@@ -135,13 +138,13 @@ impl Judge<'_> {
         let sight = Sight::new(&target, self.situation.sight.clear_s_m(to), self.safety);
         broken(rows.hard.iter().chain(&rows.rear), level)
             .or_else(|| (sight.h() < -ROUNDING_M).then_some(BarrierKind::Sight))
-            .or_else(|| infeasible(&rows))
+            .or_else(|| infeasible(rows))
     }
 
-    fn rows(&self, course: &Course) -> Rows {
-        let mut rows = Rows::default();
-        rows.collect(self.situation, course, self.memory, self.safety);
-        rows
+    fn collect(&mut self, course: &Course) -> &mut Rows {
+        self.rows
+            .collect(self.situation, course, self.memory, self.safety);
+        self.rows
     }
 
     /// Whether the greater part of the body is on `lane`'s side of the line to `other`.
@@ -165,7 +168,7 @@ impl Judge<'_> {
     }
 
     /// Rows for those that are not in the target lane yet.
-    fn add_entering(&self, target: &Ahead<'_>, announced_s: f64, rows: &mut Rows) {
+    fn add_entering(&mut self, target: &Ahead<'_>, announced_s: f64) {
         let ego = &self.situation.ego;
         for neighbour in self.situation.neighbours {
             let kind = match self.may_enter(neighbour, target.lane, announced_s) {
@@ -175,13 +178,13 @@ impl Judge<'_> {
             if neighbour.is_ahead_of(ego) {
                 let closing = target.closing(self.safety);
                 let row = Front::new(target, closing, neighbour, self.safety).row();
-                rows.hard.push(Row { kind, ..row });
+                self.rows.hard.push(Row { kind, ..row });
             } else {
                 let row = Rear::new(target, neighbour, self.safety).row();
                 if kind == BarrierKind::Arbitration {
-                    rows.hard.push(Row { kind, ..row });
+                    self.rows.hard.push(Row { kind, ..row });
                 } else {
-                    rows.rear.push(row);
+                    self.rows.rear.push(row);
                 }
             }
         }

@@ -111,8 +111,6 @@ pub enum RoadError {
 struct Node {
     s_m: f64,
     pose: Se2Pose,
-    /// Angle turned since the start, unwrapped.
-    turned_rad: f64,
     forward: Vector2<f64>,
     curvature: f64,
     /// Change of curvature per metre up to the next node.
@@ -120,11 +118,10 @@ struct Node {
 }
 
 impl Node {
-    fn new(s_m: f64, pose: Se2Pose, turned_rad: f64) -> Self {
+    fn new(s_m: f64, pose: Se2Pose) -> Self {
         Self {
             s_m,
             pose,
-            turned_rad,
             forward: pose.forward(),
             curvature: 0.0,
             sharpness: 0.0,
@@ -187,6 +184,8 @@ struct Stretch {
     to_m: f64,
     from_per_m: f64,
     to_per_m: f64,
+    /// Angle turned from the start of the road to that of the segment.
+    turned_rad: f64,
     first_node: usize,
     nodes_per_m: f64,
 }
@@ -195,6 +194,13 @@ impl Stretch {
     fn curvature(&self, s_m: f64) -> f64 {
         let share = (s_m - self.from_m) / (self.to_m - self.from_m);
         self.from_per_m + share * (self.to_per_m - self.from_per_m)
+    }
+
+    /// Angle turned from the start of the road to `s_m`, in the segment or at its nearer end.
+    fn turned_rad(&self, s_m: f64) -> f64 {
+        let s_m = s_m.clamp(self.from_m, self.to_m);
+        let mean_per_m = 0.5 * (self.from_per_m + self.curvature(s_m));
+        self.turned_rad + mean_per_m * (s_m - self.from_m)
     }
 }
 
@@ -230,7 +236,7 @@ impl Road {
         if segments.is_empty() {
             return Err(RoadError::Empty);
         }
-        let mut nodes = vec![Node::new(0.0, start, 0.0)];
+        let mut nodes = vec![Node::new(0.0, start)];
         let mut stretches = Vec::with_capacity(segments.len());
         let half_width = lane_width_m * f64::from(LANE_COUNT) / 2.0;
         for (index, segment) in segments.iter().enumerate() {
@@ -252,7 +258,11 @@ impl Road {
             let count = (length / NODE_SPACING_M).ceil();
             let (ds, sharpness) = (length / count, (to - from) / length);
             let from_m = nodes.last().map_or(0.0, |node| node.s_m);
+            let turned_rad = stretches
+                .last()
+                .map_or(0.0, |before: &Stretch| before.turned_rad(before.to_m));
             stretches.push(Stretch {
+                turned_rad,
                 from_m,
                 to_m: from_m + length,
                 from_per_m: from,
@@ -264,8 +274,7 @@ impl Road {
                 let Some(last) = nodes.last_mut() else { break };
                 last.curvature = from + sharpness * ds * i as f64;
                 last.sharpness = sharpness;
-                let turned_rad = last.turned_rad + last.turned_at(ds);
-                let next = Node::new(last.s_m + ds, last.pose_at(ds), turned_rad);
+                let next = Node::new(last.s_m + ds, last.pose_at(ds));
                 nodes.push(next);
             }
         }
@@ -329,8 +338,7 @@ impl Road {
         if self.is_beyond_ends(s_m) {
             return &self.nodes[if s_m < 0.0 { 0 } else { last }];
         }
-        let stretch = self.stretches.partition_point(|known| known.from_m <= s_m);
-        let stretch = &self.stretches[stretch.saturating_sub(1)];
+        let stretch = self.stretch_at(s_m);
         let steps = (s_m - stretch.from_m) * stretch.nodes_per_m;
         // Rounding may lead to a neighbour of the right one.
         let mut index = (stretch.first_node + steps as usize).min(last);
@@ -379,15 +387,13 @@ impl Road {
     /// Angle in radians by which the reference line turns from `from_m` to `to_m`, positive to the
     /// left; not wrapped.
     pub fn turn_rad(&self, from_m: f64, to_m: f64) -> f64 {
-        let turned_rad = |s_m: f64| {
-            let node = self.node_before(s_m);
-            if self.is_beyond_ends(s_m) {
-                node.turned_rad
-            } else {
-                node.turned_rad + node.turned_at(s_m - node.s_m)
-            }
-        };
-        turned_rad(to_m) - turned_rad(from_m)
+        self.stretch_at(to_m).turned_rad(to_m) - self.stretch_at(from_m).turned_rad(from_m)
+    }
+
+    /// The segment at `s_m`, or the nearer of the first and the last.
+    fn stretch_at(&self, s_m: f64) -> &Stretch {
+        let after = self.stretches.partition_point(|known| known.from_m <= s_m);
+        &self.stretches[after.saturating_sub(1)]
     }
 
     /// Curvature of the reference line at `s_m` in 1/m, positive to the left.
@@ -395,8 +401,7 @@ impl Road {
         if self.is_beyond_ends(s_m) {
             return 0.0;
         }
-        let stretch = self.stretches.partition_point(|known| known.from_m <= s_m);
-        self.stretches[stretch.saturating_sub(1)].curvature(s_m)
+        self.stretch_at(s_m).curvature(s_m)
     }
 
     /// Largest |curvature| of the whole reference line in 1/m.

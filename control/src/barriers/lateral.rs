@@ -87,6 +87,8 @@ pub struct Lateral<'a> {
     sagitta_m: f64,
     /// Metres of the road per metre driven, at the most.
     longest_metre: f64,
+    /// h at x of each side's front and rear.
+    h_m: [[f64; 2]; 2],
 }
 
 impl<'a> Lateral<'a> {
@@ -101,7 +103,7 @@ impl<'a> Lateral<'a> {
     ) -> Self {
         let (front_m, half_width_m) = (ego.front_m(), ego.dimensions.width_m / 2.0);
         let sharpest = path_curvature(road.sharpest_per_m(), road);
-        Self {
+        let mut lateral = Self {
             road,
             safety,
             front_m,
@@ -114,15 +116,18 @@ impl<'a> Lateral<'a> {
             next,
             sagitta_m: 0.5 * sharpest * (front_m.powi(2) + half_width_m.powi(2)),
             longest_metre: 1.0 / (1.0 - self::half_width_m(road) * road.sharpest_per_m()),
-        }
+            h_m: [[0.0; 2]; 2],
+        };
+        lateral.h_m = Side::BOTH.map(|side| [lateral.front_h_m(side), lateral.rear_h_m(side)]);
+        lateral
     }
 
     /// The smaller of h_y,max and h_y,min at x, in metres.
     pub fn h_m(&self) -> f64 {
-        Side::BOTH
-            .map(|side| self.front_h_m(side).min(self.rear_h_m(side)))
-            .into_iter()
-            .fold(f64::INFINITY, f64::min)
+        self.h_m
+            .as_flattened()
+            .iter()
+            .fold(f64::INFINITY, |least, h| least.min(*h))
     }
 
     /// The four barriers, when v+ is at most `v + accel Ts`; none at standstill, where the body
@@ -295,10 +300,7 @@ impl Barrier for Steering<'_> {
     }
 
     fn h(&self) -> f64 {
-        match self.part {
-            Part::Front => self.lateral.front_h_m(self.side),
-            Part::Rear => self.lateral.rear_h_m(self.side),
-        }
+        self.lateral.h_m[self.side as usize][self.part as usize]
     }
 
     fn h_next(&self, u: ControlInput) -> f64 {
