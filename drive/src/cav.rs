@@ -188,12 +188,7 @@ impl Cav {
     }
 
     /// A control step: reference, QP, validation.
-    pub fn control(
-        &mut self,
-        time_s: f64,
-        profile: &RoadProfile,
-        own: &Odometry,
-    ) -> ControlOutput {
+    pub fn control(&mut self, time_s: f64, profile: &RoadProfile, own: &Odometry) -> ControlOutput {
         let neighbours = self.neighbours(time_s, profile.road());
         let sight = self
             .sight
