@@ -98,7 +98,7 @@ impl<'a> Knowledge<'a> {
             return Some(Cause::MissedObject);
         }
         let limit_m = other.vehicle.s_range_m[0] + self.settings.sight_error_m;
-        let claims = |sight: &SightLine, lane: LaneIndex| sight.clear_s_m(lane) > limit_m;
+        let claims = |sight: &SightLine, lane: LaneIndex| sight.open_s_m(lane) > limit_m;
         let overreaches = self
             .sight
             .is_some_and(|sight| other.shared.iter().any(|lane| claims(sight, lane)));

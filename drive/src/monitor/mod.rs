@@ -248,7 +248,8 @@ impl Monitor {
                 shared,
                 own_lanes_before: lanes_before,
                 known: track.is_some(),
-                sight_excuses: cav.sight_excuses(shared, other),
+                sight_broke_off: cav.sight_broke_off(shared),
+                sight_reaches_past: cav.sight_reaches_past(other, shared),
                 leader_braking: (self.vehicles.get(&other.id))
                     .map(|motion| motion.braked_too_hard)
                     .unwrap_or_default(),

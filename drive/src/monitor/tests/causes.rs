@@ -74,6 +74,18 @@ fn what_comes_to_lie_before_a_sight_that_broke_off_is_revealed() {
 }
 
 #[test]
+fn what_a_cut_out_has_just_uncovered_is_revealed() {
+    // A glimpse past the leader, from outside of the set, before the sight over it breaks off.
+    let mut scene = Scene::new(20.0, 0.0, 9.0);
+    scene.know = nothing;
+    let rear_m = scene.vehicles()[1].s_range_m[0];
+    scene.sight = Some(SightLine::new([rear_m + 40.0; 3], 0.0).with_open([rear_m - 20.0; 3]));
+    scene.run(0.2);
+    scene.sight = Some(SightLine::new([rear_m - 6.0; 3], 0.2));
+    assert_eq!(scene.run(0.5).causes(), [Cause::Revealed]);
+}
+
+#[test]
 fn going_round_a_standing_vehicle_is_leaving() {
     let mut scene = Scene::new(3.0, 0.0, 0.5);
     scene.manoeuvre = Manoeuvre::ChangeLane {
