@@ -12,6 +12,7 @@
 mod bench_frames;
 mod cause;
 mod cav;
+mod control_file;
 mod evaluate;
 mod monitor;
 mod recorded;
@@ -24,7 +25,8 @@ mod truth;
 
 pub use bench_frames::{recorded_bench_frames, rendered_frames};
 pub use cause::Cause;
-pub use covista_control::ControlSettings;
+pub use control_file::{ControlFileError, load_control_settings};
+pub use covista_control::{ControlSettings, Mode as ControlMode};
 pub use covista_sharing::{ChannelSettings, PoseNoise};
 pub use covista_traffic::{Material, Scenario, Traffic, VehicleKind};
 pub use evaluate::{
