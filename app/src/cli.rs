@@ -39,6 +39,17 @@ pub enum SharingArg {
     Both,
 }
 
+/// Which controller acts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ModeArg {
+    /// The barriers of docs/safety.md
+    Safe,
+    /// The paper's QP as its text has it: it keeps no distance
+    Paper,
+    /// No filter: the reference alone, and every action counts as safe
+    Off,
+}
+
 /// Where percepts come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum PerceptionArg {
@@ -72,6 +83,12 @@ pub struct DemoArgs {
     /// Seed of everything random
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
+    /// Which controller acts [default: what --control says, or safe]
+    #[arg(long, value_enum)]
+    pub mode: Option<ModeArg>,
+    /// Settings of the controller as TOML; what it leaves out keeps its default
+    #[arg(long, value_name = "FILE")]
+    pub control: Option<PathBuf>,
     /// Calibration of a recorded frame, in KITTI's format, or as .toml of a picture of any camera
     /// [default: the one beside it, or KITTI's]
     #[arg(long, value_name = "FILE")]
@@ -103,6 +120,8 @@ impl Default for DemoArgs {
             errors: None,
             duration: None,
             seed: 0,
+            mode: None,
+            control: None,
             calibration: None,
             out: None,
             models: None,

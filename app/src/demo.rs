@@ -2,8 +2,8 @@ use std::{collections::BTreeMap, path::Path, time::Duration};
 
 use anyhow::bail;
 use covista_drive::{
-    ChannelSettings, ControlSettings, RunConfig, RunSummary, Scenario, Senses, Snapshot,
-    TRACE_HEADER, VehicleKind, run,
+    ChannelSettings, ControlMode, ControlSettings, RunConfig, RunSummary, Scenario, Senses,
+    Snapshot, TRACE_HEADER, VehicleKind, load_control_settings, run,
 };
 use covista_perception::{Perceiver, Provider};
 use covista_viewer::{open_viewer, plot_speeds, plot_trajectories};
@@ -11,7 +11,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use crate::{
-    cli::{DemoArgs, PerceptionArg, ProviderArg, SharingArg},
+    cli::{DemoArgs, ModeArg, PerceptionArg, ProviderArg, SharingArg},
     frames::{error_model, network_hashes, perceivers},
     output::{prepare_file, prepare_folder, say, write_json, write_whole},
     record::{Recorded, Recorder},
@@ -67,6 +67,7 @@ pub fn run_demo(args: &DemoArgs) -> anyhow::Result<()> {
     if let Some(trace) = &args.trace {
         prepare_file(trace)?;
     }
+    let control = control_settings(args.control.as_deref(), args.mode)?;
     let mut source = source(
         args.perception,
         args.models.as_deref(),
@@ -90,7 +91,7 @@ pub fn run_demo(args: &DemoArgs) -> anyhow::Result<()> {
             sharing,
             channel: ChannelSettings::default(),
             duration_s,
-            control: ControlSettings::default(),
+            control,
         };
         let rrd = format!("sharing-{}.rrd", if sharing { "on" } else { "off" });
         let path = out.join(&rrd);
@@ -258,4 +259,17 @@ fn plot(out: &Path, recorded: &[Recorded]) -> anyhow::Result<()> {
     )?;
     plot_speeds(&out.join("speeds.png"), &series)?;
     Ok(())
+}
+
+/// The controller's settings: those of a file, in the mode that is asked for.
+fn control_settings(file: Option<&Path>, mode: Option<ModeArg>) -> anyhow::Result<ControlSettings> {
+    let mut settings = file.map_or(Ok(ControlSettings::default()), load_control_settings)?;
+    if let Some(mode) = mode {
+        settings.mode = match mode {
+            ModeArg::Safe => ControlMode::Safe,
+            ModeArg::Paper => ControlMode::Paper,
+            ModeArg::Off => ControlMode::Off,
+        };
+    }
+    Ok(settings)
 }

@@ -142,7 +142,7 @@ impl Execution {
             .path
             .is_none_or(|path| ego.frenet.s_m >= path.end_s_m());
         let strip = Strip::of(road, &[lane]);
-        let lateral = Lateral::new(road, ego, ego.frenet, strip, safety);
+        let lateral = Lateral::new(situation.profile, ego, ego.frenet, strip, safety);
         path_ends && ego.frenet.psi_rad.abs() < PARALLEL_RAD && lateral.h_m() >= 0.0
     }
 }

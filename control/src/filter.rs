@@ -77,14 +77,21 @@ fn project(reference: ControlInput, rows: &Rows) -> ControlInput {
     let (least_tan, most_tan) = rows.interval(Input::TanDelta);
     let (_, most_accel) = rows.interval(Input::Accel);
     let follower = (rows.rear.iter()).fold(f64::NEG_INFINITY, |least, row| least.max(row.lower));
+    let accel = reference.accel_mps2.max(follower).min(most_accel);
+    if least_tan <= most_tan {
+        return ControlInput {
+            tan_delta: reference.tan_delta.max(least_tan).min(most_tan),
+            accel_mps2: accel,
+        };
+    }
+    // The rows exclude each other: the lowest barrier decides, and the vehicle gains no speed.
+    let lowest = (rows.hard.iter())
+        .filter(|row| row.input == Input::TanDelta)
+        .min_by(|a, b| a.h.total_cmp(&b.h));
+    let tan = lowest.map_or(0.0, |row| reference.tan_delta.max(row.lower).min(row.upper));
     ControlInput {
-        tan_delta: if least_tan <= most_tan {
-            reference.tan_delta.max(least_tan).min(most_tan)
-        } else {
-            // Where the rows exclude each other, each is missed by as much.
-            0.5 * (least_tan.max(-rows.bounds.tan_delta) + most_tan.min(rows.bounds.tan_delta))
-        },
-        accel_mps2: reference.accel_mps2.max(follower).min(most_accel),
+        tan_delta: tan,
+        accel_mps2: accel.min(0.0),
     }
 }
 

@@ -30,6 +30,9 @@ pub struct Neighbour {
     pub worst_s_rear_m: f64,
     /// Its speed then.
     pub worst_slow_mps: f64,
+    /// Road s of its rear bumper if it accelerated with a_b ever since it was measured, and the
+    /// error flatters it.
+    pub best_s_rear_m: f64,
     /// Road s of its front bumper if it accelerated with a_b ever since it was measured.
     pub worst_s_front_m: f64,
     /// Its speed then.
@@ -68,8 +71,6 @@ impl Neighbour {
         let center = road.to_frenet(measured.position());
         let (along_road, _) = road.reference(center.s_m);
         let velocity = Rotation2::new(-along_road.yaw_rad) * state.velocity_mps;
-        // An offset d from the reference line makes each of its metres 1 - kappa d metres long.
-        let stretch = (1.0 - road.curvature(center.s_m) * center.d_m).max(0.5);
         let speed_mps = velocity.x.max(0.0);
         let sideways_m = velocity.y * age_s;
         let position_error_m = settings.error_sigmas * track.position_std_m;
@@ -84,13 +85,15 @@ impl Neighbour {
         let (right_m, left_m) = lateral_extent_m(corners, road, center.s_m);
         let (d_right_m, d_left_m) = (right_m + sideways_m, left_m + sideways_m);
 
-        let driven_so_far_m = speed_mps * age_s / stretch;
+        let driven_so_far_m = speed_mps * age_s;
         let slow_mps = (speed_mps - speed_error_mps).max(0.0);
         let braking_s = age_s.min(slow_mps / settings.leader_brake_mps2);
         let braked_m = slow_mps * braking_s - 0.5 * settings.leader_brake_mps2 * braking_s.powi(2);
         let fast_mps = speed_mps + speed_error_mps;
         let driven_m = fast_mps * age_s + 0.5 * settings.follower_accel_mps2 * age_s.powi(2);
 
+        let reach_m = 2.0 * driven_m + position_error_m;
+        let metres = MetresOfRoad::around(road, rear_m - reach_m, front_m + reach_m, center.d_m);
         let heard_s = track.station.and_then(|station| track.seen_by(station));
         let intends =
             heard_s.is_some_and(|heard_s| now_s - heard_s <= settings.announcement_s + 1e-9);
@@ -99,15 +102,16 @@ impl Neighbour {
             id: track.id,
             station: track.station,
             lanes: lanes_of(track, road, d_right_m, d_left_m, settings.lane_entry_m),
-            s_rear_m: rear_m + driven_so_far_m,
-            s_front_m: front_m + driven_so_far_m,
+            s_rear_m: rear_m + driven_so_far_m * metres.mean,
+            s_front_m: front_m + driven_so_far_m * metres.mean,
             d_right_m,
             d_left_m,
             speed_mps,
             length_m: state.length_m,
-            worst_s_rear_m: rear_m + braked_m / stretch - position_error_m,
+            worst_s_rear_m: rear_m + braked_m * metres.least - position_error_m * metres.most,
             worst_slow_mps: (slow_mps - settings.leader_brake_mps2 * age_s).max(0.0),
-            worst_s_front_m: front_m + driven_m / stretch + position_error_m,
+            best_s_rear_m: rear_m + (driven_m + position_error_m) * metres.most,
+            worst_s_front_m: front_m + (driven_m + position_error_m) * metres.most,
             worst_fast_mps: fast_mps + settings.follower_accel_mps2 * age_s,
             action: track.action.filter(|_| intends),
             announced_s: track.announced_s.filter(|_| intends),
@@ -144,12 +148,33 @@ impl Neighbour {
             self.length_m,
             self.worst_s_rear_m,
             self.worst_slow_mps,
+            self.best_s_rear_m,
             self.worst_s_front_m,
             self.worst_fast_mps,
             self.announced_s.unwrap_or(0.0),
         ]
         .iter()
         .all(|x| x.is_finite())
+    }
+}
+
+/// Metres of the reference line per metre driven at an offset d: 1 / (1 - kappa d).
+struct MetresOfRoad {
+    least: f64,
+    mean: f64,
+    most: f64,
+}
+
+impl MetresOfRoad {
+    fn around(road: &Road, from_m: f64, to_m: f64, d_m: f64) -> Self {
+        let (right, left) = road.curvature_range(from_m, to_m);
+        let per_metre = |curvature: f64| 1.0 / (1.0 - curvature * d_m).max(0.5);
+        let (one, other) = (per_metre(right), per_metre(left));
+        Self {
+            least: one.min(other),
+            mean: 0.5 * (one + other),
+            most: one.max(other),
+        }
     }
 }
 

@@ -11,6 +11,7 @@ pub struct RoadProfile {
     road: Arc<Road>,
     hardest: SpeedProfile,
     comfortable: SpeedProfile,
+    counter_floor_per_m: f64,
 }
 
 impl RoadProfile {
@@ -23,6 +24,7 @@ impl RoadProfile {
         Self {
             hardest: SpeedProfile::new(&road, sure_brake_mps2(&road, safety), safety),
             comfortable: SpeedProfile::new(&road, comfort_brake_mps2(&road, reference), safety),
+            counter_floor_per_m: counter_floor_per_m(&road, safety),
             road,
         }
     }
@@ -36,6 +38,11 @@ impl RoadProfile {
     /// curve.
     pub fn longest_metre(&self) -> f64 {
         1.0 / inner_share(&self.road)
+    }
+
+    /// Counter-curvature that is left anywhere ahead for a vehicle within its speed limit, in 1/m.
+    pub fn counter_floor_per_m(&self) -> f64 {
+        self.counter_floor_per_m
     }
 
     /// Largest speed at road s from which hardest braking meets the limit of every curve ahead.
@@ -56,6 +63,21 @@ fn sure_brake_mps2(road: &Road, safety: &SafetySettings) -> f64 {
     let slowest = curve_speed_squared(road.sharpest_per_m(), road, safety).sqrt();
     brake * inner_share(road) / (1.0 + safety.noise_position_m / (slowest * STEP_S))
 }
+
+/// k_min, less what position noise takes (a step drives farther than it turns for) and less the
+/// noise in curvature.
+fn counter_floor_per_m(road: &Road, safety: &SafetySettings) -> f64 {
+    let sharpest = road.sharpest_per_m();
+    let slowest = curve_speed_squared(sharpest, road, safety).sqrt();
+    let share = 1.0 / (1.0 + safety.overrun(slowest));
+    let floor = safety.counter_curvature_min_per_m * share
+        - path_curvature(sharpest, road) * (1.0 - share)
+        - safety.noise_curvature_per_m;
+    floor.max(LEAST_COUNTER_PER_M)
+}
+
+/// A way back is not taken to be longer than this allows.
+const LEAST_COUNTER_PER_M: f64 = 1e-4;
 
 fn comfort_brake_mps2(road: &Road, reference: &ReferenceSettings) -> f64 {
     reference.brake_mps2 * inner_share(road)

@@ -119,7 +119,7 @@ fn sight_speed_mps(
     let keep_m = if ahead.leaving {
         safety.collision_margin_m
     } else {
-        ahead.headway_bumper_m(situation.ego.dimensions.length_m, safety)
+        ahead.headway_bumper_m(0.0, safety)
     };
     let closing = Closing::new(safety, 1.0, 1.0);
     let limit = closing.max_speed_mps(gap.gap_m - keep_m, 0.0, 80.0);

@@ -62,7 +62,7 @@ impl Rows {
         });
         self.clear_rounding();
         let strip = Strip::of(situation.road(), &course.strip);
-        let lateral = Lateral::new(situation.road(), ego, next, strip, safety);
+        let lateral = Lateral::new(situation.profile, ego, next, strip, safety);
         self.add_lateral(&lateral);
     }
 
@@ -123,7 +123,7 @@ pub fn shortfall(
     };
     longitudinal(situation, course, &next, memory, safety, &mut missed);
     let strip = Strip::of(situation.road(), &course.strip);
-    let lateral = Lateral::new(situation.road(), &situation.ego, next, strip, safety);
+    let lateral = Lateral::new(situation.profile, &situation.ego, next, strip, safety);
     for barrier in lateral.barriers(u.accel_mps2) {
         missed(&barrier);
     }

@@ -7,72 +7,52 @@ use crate::{Neighbour, SafetySettings};
 /// It is kept as road s, so it stays true between two sweeps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SightLine {
-    clear: Reach,
-    open: Reach,
-}
-
-/// Up to where each lane was seen, and when.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Reach {
-    end_s_m: [f64; LANE_COUNT as usize],
+    clear_s_m: [f64; LANE_COUNT as usize],
+    open_s_m: [f64; LANE_COUNT as usize],
+    /// When the open sight was seen.
     seen_s: [f64; LANE_COUNT as usize],
-}
-
-impl Reach {
-    fn update(
-        &mut self,
-        end_s_m: [f64; LANE_COUNT as usize],
-        time_s: f64,
-        settings: &SafetySettings,
-    ) {
-        for (lane, end) in end_s_m.into_iter().enumerate() {
-            let forgotten = time_s - self.seen_s[lane] > settings.sight_memory_s;
-            if end >= self.end_s_m[lane] || forgotten {
-                self.end_s_m[lane] = end;
-                self.seen_s[lane] = time_s;
-            }
-        }
-    }
 }
 
 impl SightLine {
     /// Every lane is free up to road s `clear_s_m` (lane 0 first), seen at `time_s`.
     pub fn new(clear_s_m: [f64; LANE_COUNT as usize], time_s: f64) -> Self {
-        let reach = Reach {
-            end_s_m: clear_s_m,
-            seen_s: [time_s; LANE_COUNT as usize],
-        };
         Self {
-            clear: reach,
-            open: reach,
+            clear_s_m,
+            open_s_m: clear_s_m,
+            seen_s: [time_s; LANE_COUNT as usize],
         }
     }
 
     /// The same, with the free sight that ends at any vehicle, tracked or not.
-    pub fn with_open(mut self, open_s_m: [f64; LANE_COUNT as usize]) -> Self {
-        self.open.end_s_m = open_s_m;
-        self
+    pub fn with_open(self, open_s_m: [f64; LANE_COUNT as usize]) -> Self {
+        Self { open_s_m, ..self }
     }
 
     /// Road s up to which `lane` is confirmed free, or hidden only behind tracked vehicles in it.
     pub fn clear_s_m(&self, lane: LaneIndex) -> f64 {
-        self.clear.end_s_m[usize::from(lane.get())]
+        self.clear_s_m[usize::from(lane.get())]
     }
 
     /// Road s up to which `lane` is confirmed free.
     pub fn open_s_m(&self, lane: LaneIndex) -> f64 {
-        self.open.end_s_m[usize::from(lane.get())]
+        self.open_s_m[usize::from(lane.get())]
     }
 
     /// Takes a new sweep over. A stretch that was seen free and is now hidden, say by a truck in
-    /// the next lane, counts as free for a while.
+    /// the next lane, counts as free for a while; what only a tracked vehicle hid does not.
     pub fn update(&mut self, newer: &Self, time_s: f64, settings: &SafetySettings) {
-        self.clear.update(newer.clear.end_s_m, time_s, settings);
-        self.open.update(newer.open.end_s_m, time_s, settings);
+        for (lane, &open) in newer.open_s_m.iter().enumerate() {
+            let forgotten = time_s - self.seen_s[lane] > settings.sight_memory_s;
+            if open >= self.open_s_m[lane] || forgotten {
+                self.open_s_m[lane] = open;
+                self.seen_s[lane] = time_s;
+            }
+            self.clear_s_m[lane] = newer.clear_s_m[lane].max(self.open_s_m[lane]);
+        }
     }
 
     pub(crate) fn is_usable(&self) -> bool {
-        let ends = self.clear.end_s_m.iter().chain(&self.open.end_s_m);
+        let ends = self.clear_s_m.iter().chain(&self.open_s_m);
         ends.into_iter().all(|end| !end.is_nan())
     }
 }

@@ -13,6 +13,7 @@ mod bench_frames;
 mod campaign;
 mod cause;
 mod cav;
+mod control_file;
 mod evaluate;
 mod monitor;
 mod recorded;
@@ -29,7 +30,8 @@ pub use campaign::{
     Tally, cover_plants, run_campaign, time_control, trace_episode,
 };
 pub use cause::Cause;
-pub use covista_control::{ControlSettings, Solver};
+pub use control_file::{ControlFileError, load_control_settings};
+pub use covista_control::{ControlSettings, Mode as ControlMode, Solver};
 pub use covista_sharing::{ChannelSettings, PoseNoise};
 pub use covista_traffic::{Material, Scenario, Traffic, VehicleKind};
 pub use evaluate::{

@@ -16,6 +16,28 @@ fn an_unknown_scenario_field_is_named() {
 }
 
 #[test]
+fn control_settings_that_are_none_are_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("mine.toml");
+    let demo = || {
+        let mut command = covista();
+        command.args(["demo", "--control", path.to_str().expect("a path")]);
+        command
+    };
+    assert_one_line_error(&mut demo(), &["cannot read", "mine.toml", "--control"]);
+    for (text, named) in [
+        ("[safety]\nbrakes = 3", "brakes"),
+        ("mode = \"fast\"", "fast"),
+        ("[safety]\neta = 1.5", "`eta` is 1.5"),
+        ("[safety]\nbrake_mps2 = nan", "brake_mps2"),
+        ("[qp]\nslack_max = -1", "slack_max"),
+    ] {
+        fs::write(&path, text).expect("written");
+        assert_one_line_error(&mut demo(), &["mine.toml", named]);
+    }
+}
+
+#[test]
 fn an_unknown_scenario_is_named_with_those_there_are() {
     assert_one_line_error(
         covista().args(["demo", "no-such-scene"]),

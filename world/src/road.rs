@@ -410,17 +410,28 @@ impl Road {
     }
 
     /// Largest |curvature| of the reference line between `from_m` and `to_m`.
-    ///
-    /// Within a segment the curvature is linear, so that its largest is at an end.
     pub fn max_abs_curvature(&self, from_m: f64, to_m: f64) -> f64 {
+        let (least, most) = self.curvature_range(from_m, to_m);
+        most.max(-least)
+    }
+
+    /// Smallest and largest curvature of the reference line between `from_m` and `to_m`.
+    ///
+    /// Within a segment the curvature is linear, so that both are at its ends.
+    pub fn curvature_range(&self, from_m: f64, to_m: f64) -> (f64, f64) {
+        let beyond = if from_m < 0.0 || to_m >= self.length_m {
+            (0.0, 0.0)
+        } else {
+            (f64::INFINITY, f64::NEG_INFINITY)
+        };
         let first = self.stretches.partition_point(|known| known.to_m < from_m);
         self.stretches[first..]
             .iter()
             .take_while(|stretch| stretch.from_m <= to_m)
-            .fold(0.0, |max: f64, stretch| {
-                let ends = [from_m.max(stretch.from_m), to_m.min(stretch.to_m)];
-                let [low, high] = ends.map(|s_m| stretch.curvature(s_m).abs());
-                max.max(low).max(high)
+            .fold(beyond, |(least, most), stretch| {
+                let from = stretch.curvature(from_m.max(stretch.from_m));
+                let to = stretch.curvature(to_m.min(stretch.to_m));
+                (least.min(from).min(to), most.max(from).max(to))
             })
     }
 

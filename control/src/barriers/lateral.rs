@@ -4,7 +4,7 @@ use super::bounds::tan_delta_limit;
 use super::{Barrier, Input, Row, target};
 use crate::monotone::largest;
 use crate::profile::{half_width_m, path_curvature};
-use crate::{EgoState, SafetySettings};
+use crate::{EgoState, RoadProfile, SafetySettings};
 
 /// The strip between two offsets d in which the body has to stay.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -87,6 +87,10 @@ pub struct Lateral<'a> {
     sagitta_m: f64,
     /// Metres of the road per metre driven, at the most.
     longest_metre: f64,
+    /// |kappa| / (1 - |kappa| d_max) of the whole road.
+    sharpest_per_m: f64,
+    /// Counter-curvature that is left in any case: none for a vehicle above its speed limit.
+    floor_per_m: f64,
     /// h at x of each side's front and rear.
     h_m: [[f64; 2]; 2],
 }
@@ -95,14 +99,17 @@ impl<'a> Lateral<'a> {
     /// For `ego` in `strip`; `next` is where it is one step on when it drives straight on. The
     /// position at x+ does not depend on u and is exact but for the noise.
     pub fn new(
-        road: &'a Road,
+        profile: &'a RoadProfile,
         ego: &EgoState,
         next: FrenetPose,
         strip: Strip,
         safety: &'a SafetySettings,
     ) -> Self {
+        let road = profile.road();
         let (front_m, half_width_m) = (ego.front_m(), ego.dimensions.width_m / 2.0);
-        let sharpest = path_curvature(road.sharpest_per_m(), road);
+        let sharpest_per_m = path_curvature(road.sharpest_per_m(), road);
+        let v = ego.state.speed_mps;
+        let is_slow_enough = v <= profile.speed_limit_mps(ego.frenet.s_m) + ROUNDING_M;
         let mut lateral = Self {
             road,
             safety,
@@ -111,11 +118,17 @@ impl<'a> Lateral<'a> {
             half_width_m,
             wheelbase_m: ego.dimensions.wheelbase_m,
             strip,
-            speed_mps: ego.state.speed_mps,
+            speed_mps: v,
             now: ego.frenet,
             next,
-            sagitta_m: 0.5 * sharpest * (front_m.powi(2) + half_width_m.powi(2)),
-            longest_metre: 1.0 / (1.0 - self::half_width_m(road) * road.sharpest_per_m()),
+            sagitta_m: 0.5 * sharpest_per_m * (front_m.powi(2) + half_width_m.powi(2)),
+            longest_metre: profile.longest_metre(),
+            sharpest_per_m,
+            floor_per_m: if is_slow_enough {
+                profile.counter_floor_per_m()
+            } else {
+                f64::NEG_INFINITY
+            },
             h_m: [[0.0; 2]; 2],
         };
         lateral.h_m = Side::BOTH.map(|side| [lateral.front_h_m(side), lateral.rear_h_m(side)]);
@@ -193,9 +206,14 @@ impl<'a> Lateral<'a> {
         edge - self.sagitta_m
     }
 
-    /// Offset towards `side` at x+, at the most.
+    /// Offset towards `side` at x+, at the most: with side slip, and a step that is longer by the
+    /// noise in position.
     fn next_d_m(&self, side: Side) -> f64 {
-        side.sign() * self.next.d_m + self.speed_mps * STEP_S * self.safety.noise_slip_rad
+        let step_m = self.speed_mps * STEP_S;
+        let slip_rad = self.safety.noise_slip_rad;
+        let towards = side.sign() * self.now.psi_rad + slip_rad;
+        let farther = self.safety.overrun(self.speed_mps) * towards.sin().max(0.0);
+        side.sign() * self.next.d_m + step_m * (slip_rad + farther)
     }
 
     /// How far from the rear axle's offset the body reaches to the left until a vehicle with
@@ -207,15 +225,16 @@ impl<'a> Lateral<'a> {
     /// the side slip and by the road's own turn within a step, and the step driven before the
     /// steering acts joins, v Ts sin psi. The rear corner swings by as much when the way back ends.
     fn excursion_m(&self, s_m: f64, speed_mps: f64, psi_rad: f64) -> f64 {
-        let step_m = speed_mps * STEP_S;
-        let (counter, road) = self.counter_curvature(s_m, speed_mps, psi_rad);
-        let shift = road * step_m + self.safety.noise_slip_rad;
+        let overrun = self.safety.overrun(speed_mps);
+        let step_m = speed_mps * STEP_S * (1.0 + overrun);
+        let shift = self.sharpest_per_m * step_m + self.safety.noise_slip_rad;
         let swing = shift + 2.0 * self.safety.noise_curvature_per_m * step_m;
         let rear_m = self.rear_m * swing;
         let psi = (psi_rad + shift).min(std::f64::consts::FRAC_PI_2);
         if psi <= 0.0 {
             return self.half_width_m + rear_m;
         }
+        let counter = self.counter_curvature(s_m, speed_mps, overrun, psi);
         if counter <= 0.0 {
             return f64::INFINITY;
         }
@@ -229,19 +248,23 @@ impl<'a> Lateral<'a> {
         corner + rear_m + step_m * sin
     }
 
-    /// k_c, and the road's own curvature within it, over the road of the return manoeuvre: at
-    /// least k_min of counter-curvature brings the heading back, so that road ends at a point that
-    /// does not run away from a vehicle which steers back.
-    fn counter_curvature(&self, s_m: f64, speed_mps: f64, psi_rad: f64) -> (f64, f64) {
-        let least = self.safety.counter_curvature_min_per_m - self.safety.noise_curvature_per_m;
+    /// k_c: the vehicle's own curvature by which it can turn in a metre driven, less the road's,
+    /// over the road of the return manoeuvre. Where that road is too sharp for the speed of now,
+    /// the speed's own barrier sees to it that the floor is left.
+    ///
+    /// The return takes as long a road as the least counter-curvature needs for the heading, so
+    /// that its end does not run away from a vehicle which steers back.
+    fn counter_curvature(&self, s_m: f64, speed_mps: f64, overrun: f64, psi_rad: f64) -> f64 {
+        let lock = tan_delta_limit(speed_mps, self.wheelbase_m, self.safety) / self.wheelbase_m;
+        let own = (lock - self.safety.noise_curvature_per_m) / (1.0 + overrun);
+        let least = (own - self.sharpest_per_m).max(self.floor_per_m);
+        if least <= 0.0 {
+            return least;
+        }
         // On the inside of a curve a metre driven is more than one of the road's.
-        let length_m = self.longest_metre * (psi_rad.abs() / least) + 2.0 * self.front_m;
-        let sharpest = self
-            .road
-            .max_abs_curvature(s_m - self.rear_m, s_m + length_m);
-        let road = path_curvature(sharpest, self.road);
-        let own = tan_delta_limit(speed_mps, self.wheelbase_m, self.safety) / self.wheelbase_m;
-        (own - road - self.safety.noise_curvature_per_m, road)
+        let length_m = self.longest_metre * psi_rad / least;
+        let sharpest = self.road.max_abs_curvature(s_m, s_m + length_m);
+        (own - path_curvature(sharpest, self.road)).max(self.floor_per_m)
     }
 
     /// Reach of the rear corner at a heading towards the side.

@@ -5,7 +5,7 @@ use super::{Barrier, Input, ROUNDING_M, Row, target};
 use crate::{Closing, SafetySettings};
 
 /// h_vis = s_clear - P_bumper - D(v, 0): something may stand where the sight ends. It is taken to
-/// be as long as the ego vehicle.
+/// have no length, which leaves the longest P_bumper.
 ///
 /// A line of sight that breaks off inside the set (a leader's cut-out, a passing truck) is outside
 /// the promise; speed then follows with the gentle braking.
@@ -24,7 +24,7 @@ impl<'a> Sight<'a> {
     pub fn new(ahead: &Ahead<'_>, clear_s_m: f64, safety: &'a SafetySettings) -> Self {
         let closing = Closing::new(safety, ahead.rates.high, 1.0);
         let gap = gap(ahead, clear_s_m, safety);
-        let keep_m = ahead.headway_bumper_m(ahead.ego.dimensions.length_m, safety);
+        let keep_m = ahead.headway_bumper_m(0.0, safety);
         Self {
             safety,
             closing,

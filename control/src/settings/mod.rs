@@ -150,6 +150,7 @@ impl ControlSettings {
             ("reaction_cav_s", s.reaction_cav_s),
             ("reaction_human_s", s.reaction_human_s),
             ("noise_position_m", s.noise_position_m),
+            ("noise_position_share", s.noise_position_share),
             ("noise_speed_mps", s.noise_speed_mps),
             ("noise_slip_rad", s.noise_slip_rad),
             ("noise_curvature_per_m", s.noise_curvature_per_m),

@@ -29,6 +29,8 @@ pub struct SafetySettings {
     pub reaction_human_s: f64,
     /// W_p: bound on the position noise of one step.
     pub noise_position_m: f64,
+    /// Position noise is at most this share of the way driven in the step, too.
+    pub noise_position_share: f64,
     /// W_v: bound on the speed noise of one step.
     pub noise_speed_mps: f64,
     /// Bound on the angle between the direction of travel and the heading (side slip).
@@ -80,6 +82,7 @@ impl Default for SafetySettings {
             reaction_cav_s: 0.1,
             reaction_human_s: 0.75,
             noise_position_m: 1e-3,
+            noise_position_share: 0.1,
             noise_speed_mps: 5e-3,
             noise_slip_rad: 2e-3,
             noise_curvature_per_m: 1e-4,
@@ -97,6 +100,19 @@ impl Default for SafetySettings {
             sight_error_m: 2.0,
             sight_memory_s: 1.0,
             announcement_s: 0.3,
+        }
+    }
+}
+
+impl SafetySettings {
+    /// What a step may drive beyond v Ts, in shares of v Ts: the position noise at speed v.
+    pub(crate) fn overrun(&self, speed_mps: f64) -> f64 {
+        let step_m = speed_mps * covista_world::STEP_S;
+        if self.noise_position_m > 0.0 {
+            self.noise_position_share
+                .min(self.noise_position_m / step_m)
+        } else {
+            0.0
         }
     }
 }
