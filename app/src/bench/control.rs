@@ -86,7 +86,10 @@ pub(super) fn run(args: &ControlBenchArgs) -> anyhow::Result<()> {
         return Ok(());
     };
     let settings = json!({ "seed": seed, "steps": steps, "control": control });
-    write_json(json, &Report::new("bench control", rows).with_settings(settings))
+    write_json(
+        json,
+        &Report::new("bench control", rows).with_settings(settings),
+    )
 }
 
 /// Moves the bar on; steps are told by any thread, not always in order.

@@ -86,14 +86,22 @@ pub fn cover_plant(
 
     let mut along = None;
     for bounds in along_grid(&control.safety) {
-        if covers(with_along(control.safety, bounds), &along_families, keeps_headway)? {
+        if covers(
+            with_along(control.safety, bounds),
+            &along_families,
+            keeps_headway,
+        )? {
             along = Some(bounds);
             break;
         }
     }
     let mut across = None;
     for bounds in across_grid() {
-        if covers(with_across(control.safety, bounds), &across_families, keeps_lane)? {
+        if covers(
+            with_across(control.safety, bounds),
+            &across_families,
+            keeps_lane,
+        )? {
             across = Some(bounds);
             break;
         }

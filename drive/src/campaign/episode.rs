@@ -3,15 +3,14 @@ use covista_control::{
     SightLine, Situation,
 };
 use covista_traffic::{VehicleId, VehicleKind};
-use covista_world::{
-    Action, ActionVerdict, LANE_COUNT, LaneIndex, Road, STEP_S, StationId, Track,
-};
+use covista_world::{Action, ActionVerdict, LANE_COUNT, LaneIndex, Road, STEP_S, StationId, Track};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
 use super::{
     CampaignError,
     broken::Broken,
+    exact::SafeSet,
     other::{Merging, Script, TOP_MPS},
     plant::{Plant, PlantModel},
     scenario::{Cast, EGO, EGO_ID, Scenario},
@@ -78,11 +77,7 @@ impl<'a> Episode<'a> {
 
     /// Drives `steps` steps and tells what was found. `look` sees every situation and the
     /// controller before it acts.
-    pub fn run(
-        mut self,
-        steps: usize,
-        mut look: impl FnMut(&Situation<'_>, &Controller),
-    ) -> Tally {
+    pub fn run(mut self, steps: usize, mut look: impl FnMut(&Situation<'_>, &Controller)) -> Tally {
         let road = self.scenario.road.clone();
         let settings = &self.conditions.control.safety;
         let broken = self.conditions.broken;
@@ -100,8 +95,12 @@ impl<'a> Episode<'a> {
                 &road,
             );
             s_m = ego.frenet.s_m;
-            let truths: Vec<TrueVehicle> =
-                self.scenario.cast.iter().map(|cast| cast.other.truth(&road)).collect();
+            let truths: Vec<TrueVehicle> = self
+                .scenario
+                .cast
+                .iter()
+                .map(|cast| cast.other.truth(&road))
+                .collect();
             self.look_ahead(step, &ego, &truths, &road);
             self.estimate(step, &road);
             let sight = self.sight(step, &ego, &truths, &road);
@@ -121,7 +120,7 @@ impl<'a> Episode<'a> {
             self.advance(step, &ego, &truths, manoeuvre, &output, &road);
         }
         let mut tally = watch.tally;
-        tally.add_causes(monitor.violations());
+        tally.add_causes(&monitor);
         tally
     }
 
@@ -135,24 +134,23 @@ impl<'a> Episode<'a> {
                     nearer != index
                         && other.s_range_m[0] > ego.s_range_m[1]
                         && other.s_range_m[1] < truth.s_range_m[0]
-                        && LaneIndex::all().any(|lane| {
-                            other.occupies(lane, road) && truth.occupies(lane, road)
-                        })
+                        && !other
+                            .lanes(road, 0.0)
+                            .shared_with(truth.lanes(road, 0.0))
+                            .is_empty()
                 })
             };
             let in_sight = truth.s_range_m[0] < end_m && !hidden();
             let since = &mut self.in_sight_since[index];
             *since = in_sight.then_some(since.unwrap_or(step));
-            let seen = since.is_some_and(|since| {
-                since == 0 || step >= since + self.scenario.delay_steps
-            });
+            let seen =
+                since.is_some_and(|since| since == 0 || step >= since + self.scenario.delay_steps);
             self.is_known[index] |= (cast.is_shared || seen) && !cast.is_missed;
         }
     }
 
     fn estimate(&mut self, step: usize, road: &Road) {
         let settings = &self.conditions.control.safety;
-        let time_s = time_s(step);
         self.tracks.clear();
         self.neighbours.clear();
         for (index, cast) in self.scenario.cast.iter().enumerate() {
@@ -167,7 +165,7 @@ impl<'a> Episode<'a> {
                 settings,
                 &mut self.dice,
             );
-            let neighbour = Neighbour::from_track(&track, road, time_s, settings);
+            let neighbour = self.scenario.estimate.neighbour(&track, road, settings);
             self.neighbours.extend(neighbour);
             self.tracks.push(track);
         }
@@ -193,8 +191,9 @@ impl<'a> Episode<'a> {
             if !is_noticed {
                 continue;
             }
+            let lanes = truth.lanes(road, 0.0);
             for (place, lane) in LaneIndex::all().enumerate() {
-                if truth.occupies(lane, road) {
+                if lanes.contains(lane) {
                     open_s_m[place] = open_s_m[place].min(rear_m);
                     if !self.is_known[index] {
                         clear_s_m[place] = clear_s_m[place].min(rear_m);
@@ -237,9 +236,7 @@ impl<'a> Episode<'a> {
             let wish = if changes { self.wish } else { Action::KeepLane };
             let action = [wish, Action::KeepLane]
                 .into_iter()
-                .find(|action| {
-                    self.controller.verdict(&situation, *action) == ActionVerdict::Safe
-                })
+                .find(|action| self.controller.verdict(&situation, *action) == ActionVerdict::Safe)
                 .unwrap_or(Action::EmergencyStop);
             self.controller.set_action(action, situation.time_s);
         }
@@ -278,7 +275,10 @@ impl<'a> Episode<'a> {
             .collect()
     }
 
-    #[expect(clippy::too_many_arguments, reason = "all that the monitor may see of one step")]
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "all that the monitor may see of one step"
+    )]
     fn show(
         &self,
         monitor: &mut Monitor,
@@ -324,11 +324,13 @@ impl<'a> Episode<'a> {
         self.plant
             .step(output.u, disturbance, &self.conditions.noise);
         let settings = &self.conditions.control.safety;
+        let set = SafeSet { settings, road };
+        let target = manoeuvre.destination();
         for (Cast { other, .. }, truth) in self.scenario.cast.iter_mut().zip(truths) {
             let half_lengths_m = (ego.dimensions.length_m + truth.dimensions.length_m) / 2.0;
             let merging = self.changing_since.map(|since| Merging {
                 since_s: time_s(step - since),
-                gap_m: ego.s_range_m[0] - truth.s_range_m[1],
+                gap_m: set.arc_m(target, truth.s_range_m[1], ego.s_range_m[0]),
                 ego_stop_m: ego.speed_mps.powi(2) / (2.0 * settings.brake_mps2),
                 keep_m: settings.headway_safe_m - half_lengths_m,
             });

@@ -1,4 +1,4 @@
-use covista_control::SafetySettings;
+use covista_control::{Neighbour, SafetySettings};
 use covista_world::{
     Action, ObjectClass, ObjectState, Road, STEP_S, Se2Pose, Sighting, StationId, Track,
 };
@@ -46,7 +46,7 @@ pub(super) struct Estimate {
     pub velocity_std_mps: f64,
     /// Errors are this many times their bound.
     pub excess: f64,
-    /// Whether the age of a measurement is concealed.
+    /// Whether the ego vehicle is told that every measurement is new.
     pub conceals_age: bool,
     /// For each vehicle the step of its newest measurement, and its error in shares of the bounds.
     last: Vec<Option<(usize, [f64; 2])>>,
@@ -98,8 +98,6 @@ impl Estimate {
         let age_s = age_steps as f64 * STEP_S;
         let now = position_m + velocity_mps * age_s;
         let time_s = step as f64 * STEP_S;
-        let concealed = if self.conceals_age { age_s } else { 0.0 };
-        let measured_s = time_s - age_s + concealed;
         Track {
             id: other.id,
             station: other.station,
@@ -120,9 +118,26 @@ impl Estimate {
             announced_s: other.station.map(|_| 0.0),
             sightings: vec![Sighting {
                 station: OBSERVER,
-                measured_s,
+                measured_s: time_s - age_s,
             }],
         }
+    }
+
+    /// What the ego vehicle makes of a track.
+    pub fn neighbour(
+        &self,
+        track: &Track,
+        road: &Road,
+        settings: &SafetySettings,
+    ) -> Option<Neighbour> {
+        if !self.conceals_age {
+            return Neighbour::from_track(track, road, track.time_s, settings);
+        }
+        let mut told = track.clone();
+        for sighting in &mut told.sightings {
+            sighting.measured_s = told.time_s;
+        }
+        Neighbour::from_track(&told, road, told.time_s, settings)
     }
 
     /// Errors in position and speed, in shares of their bounds, drawn once a measurement.

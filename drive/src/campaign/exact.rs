@@ -6,10 +6,12 @@ use crate::TrueVehicle;
 /// The true barriers of one vehicle towards one ahead of it, in metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Levels {
-    /// h with the noise, the rates and the body's reach of the set's own definition.
+    /// h of the true bumpers, without any allowance.
     pub h_m: f64,
     /// h_0 in the same way.
     pub h0_m: f64,
+    /// h in the set's own definition: with noise, rates and the body's reach.
+    pub set_h_m: f64,
     /// Distance of the bodies' centres: the bumper gap and half of both lengths.
     pub headway_m: f64,
 }
@@ -21,9 +23,11 @@ pub(super) struct Levels {
 /// h         = gap - P_bumper - D,   h_0 = gap - 2 m - D
 /// ```
 ///
-/// The set is invariant in its own definition: with the noise in D, and with the gap measured from
-/// the circle round the rear axle that holds the body's front at any heading. The body's true
-/// front never lies beyond it, so that h >= 0 keeps the headway of the true bumpers at P_safe.
+/// What is invariant is the set in its own definition: with the noise in D, with c_max and c_min of
+/// the road, and with the gap measured from the circle round the rear axle that holds the body's
+/// front at any heading. Each of these only takes from h, so that the plain h, between the true
+/// bumpers with c = 1 and no noise, never lies below it. Episodes begin inside the set's own
+/// definition, and both are watched.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct SafeSet<'a> {
     pub settings: &'a SafetySettings,
@@ -50,13 +54,22 @@ impl SafeSet<'_> {
         let reach_m = (ego.dimensions.length_m - ego.dimensions.rear_overhang_m)
             .hypot(ego.dimensions.width_m / 2.0);
         let rear_m = ahead.s_range_m[0];
-        let gap_m = self.arc_m(lane, ego.frenet.s_m, rear_m) - c_max * reach_m;
-        let closed_m = self.closed_m(ego.speed_mps, ahead_mps, c_max, c_min);
         let half_lengths_m = (ego.dimensions.length_m + ahead.dimensions.length_m) / 2.0;
+        let keep_m = self.settings.headway_safe_m - half_lengths_m;
+        let bumpers_m = self.arc_m(lane, ego.s_range_m[1], rear_m);
+        let plain = SafetySettings {
+            noise_position_m: 0.0,
+            noise_speed_mps: 0.0,
+            ..*self.settings
+        };
+        let v = ego.speed_mps;
+        let room_m = bumpers_m - closed_m(&plain, v, ahead_mps, 1.0, 1.0);
+        let set_gap_m = self.arc_m(lane, ego.frenet.s_m, rear_m) - c_max * reach_m;
         Levels {
-            h_m: gap_m - (self.settings.headway_safe_m - half_lengths_m) - closed_m,
-            h0_m: gap_m - self.settings.collision_margin_m - closed_m,
-            headway_m: self.arc_m(lane, ego.s_range_m[1], rear_m) + half_lengths_m,
+            h_m: room_m - keep_m,
+            h0_m: room_m - self.settings.collision_margin_m,
+            set_h_m: set_gap_m - keep_m - self.closed_m(v, ahead_mps, c_max, c_min),
+            headway_m: bumpers_m + half_lengths_m,
         }
     }
 

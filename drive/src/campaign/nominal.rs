@@ -91,12 +91,7 @@ impl Nominal {
 }
 
 /// Steers towards the offset `target_d_m` along the road.
-fn lane_keeping(
-    frenet: &FrenetPose,
-    speed_mps: f64,
-    wheelbase_m: f64,
-    target_d_m: f64,
-) -> f64 {
+fn lane_keeping(frenet: &FrenetPose, speed_mps: f64, wheelbase_m: f64, target_d_m: f64) -> f64 {
     let length_m = (0.8 * speed_mps).max(4.0);
     let error_m = (frenet.d_m - target_d_m).clamp(-1.0, 1.0);
     let back = error_m / length_m.powi(2) + 2.0 * frenet.psi_rad.sin() / length_m;
@@ -132,7 +127,14 @@ impl NoiseMode {
         match self {
             Self::None => Disturbance::default(),
             Self::Worst => all(1.0, side),
-            Self::Weaving => all(1.0, if (step / 100).is_multiple_of(2) { 1.0 } else { -1.0 }),
+            Self::Weaving => all(
+                1.0,
+                if (step / 100).is_multiple_of(2) {
+                    1.0
+                } else {
+                    -1.0
+                },
+            ),
             Self::RandomSign => {
                 let mut sign = || if dice.random() { 1.0 } else { -1.0 };
                 Disturbance {

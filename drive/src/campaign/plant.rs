@@ -64,6 +64,8 @@ pub(super) struct Sedan {
 /// Below this speed the tyres roll without slip; up to [`DYNAMIC_MPS`] the models are blended.
 const KINEMATIC_MPS: f64 = 3.0;
 const DYNAMIC_MPS: f64 = 5.0;
+/// Slower than this is standstill, but for rounding.
+const STANDSTILL_MPS: f64 = 1e-9;
 /// Steps of the tyres' fast dynamics in one of the controller's.
 const SUBSTEPS: usize = 10;
 
@@ -136,7 +138,7 @@ impl Plant {
     /// the vehicle to a stop hold it.
     fn disturb(&mut self, before: BicycleState, of: Disturbance, bounds: &SafetySettings) {
         let v = before.speed_mps;
-        if v <= 0.0 {
+        if v <= STANDSTILL_MPS {
             return;
         }
         let pose = &mut self.state.pose;
@@ -151,7 +153,7 @@ impl Plant {
         pose.y_m = before.pose.y_m + sin * x + cos * y;
         let turned = of.curvature * bounds.noise_curvature_per_m * v * STEP_S;
         pose.yaw_rad = wrap_angle(pose.yaw_rad + turned);
-        if self.state.speed_mps > 0.0 {
+        if self.state.speed_mps > STANDSTILL_MPS {
             let faster_mps = of.speed * bounds.noise_speed_mps;
             self.state.speed_mps = (self.state.speed_mps + faster_mps).max(0.0);
         }

@@ -122,14 +122,7 @@ pub(super) fn draw(
             settings: safety,
             road: &road,
         },
-        ego: TrueVehicle::new(
-            VehicleId(EGO_ID),
-            VehicleKind::Cav,
-            EGO,
-            state,
-            s_m,
-            &road,
-        ),
+        ego: TrueVehicle::new(VehicleId(EGO_ID), VehicleKind::Cav, EGO, state, s_m, &road),
         lane,
         broken,
         cast: Vec::new(),
@@ -246,7 +239,10 @@ fn estimate(
             estimate.error = ErrorMode::Far;
             (estimate.position_std_m, estimate.velocity_std_mps) = (0.3, 0.4);
         }
-        Some(Broken::MessageAge) => estimate.messages = Messages::Late(3 * oldest),
+        Some(Broken::MessageAge) => {
+            estimate.messages = Messages::Late(3 * oldest);
+            estimate.conceals_age = true;
+        }
         _ => {}
     }
     estimate
@@ -294,7 +290,7 @@ impl Stage<'_> {
             let truth = other.truth(road);
             let levels = self.set.levels(&self.ego, &truth, speed_mps, lane, 0.5);
             let stretch = 1.0 - road.curvature(other.now.s_m) * road.lane_center_m(lane);
-            other.now.s_m += (h_m - levels.h_m) / stretch;
+            other.now.s_m += (h_m - levels.set_h_m) / stretch;
         }
         // From rounding to the safe side.
         other.now.s_m += 1e-7;
@@ -308,6 +304,14 @@ impl Stage<'_> {
             is_shared: is_shared && !is_missed,
             is_missed,
         });
+    }
+
+    /// What is missed is missed from afar: for longer than finding it may take.
+    fn unnoticed_m(&self) -> f64 {
+        match self.broken {
+            Some(Broken::MissedObject) => 60.0,
+            _ => 0.0,
+        }
     }
 
     fn leader_speed(&self, dice: &mut ChaCha8Rng) -> f64 {
@@ -324,7 +328,7 @@ impl Stage<'_> {
         let count = dice.random_range(1..=3);
         for index in 0..count {
             let speed_mps = self.leader_speed(dice);
-            let h_m = margin_m(dice) + 3.0 * f64::from(index);
+            let h_m = self.unnoticed_m() + margin_m(dice) + 3.0 * f64::from(index);
             let dimensions = draw_dimensions(dice);
             let mut other = self.ahead(self.lane, speed_mps, h_m, dimensions, dice);
             other.script = leader_script(dice);
@@ -338,7 +342,7 @@ impl Stage<'_> {
         let h_m = if far {
             sight_range_m + dice.random_range(-30.0..30.0)
         } else {
-            margin_m(dice)
+            self.unnoticed_m() + margin_m(dice)
         };
         let other = self.ahead(self.lane, 0.0, h_m, dimensions, dice);
         let is_shared = dice.random_bool(0.3) || !far;
@@ -426,11 +430,18 @@ impl Stage<'_> {
             lanes.extend(LaneIndex::all().find(|lane| *lane != self.lane && *lane != target));
         }
         for lane in lanes {
-            let speed_mps = self.leader_speed(dice);
-            let h_m = margin_m(dice) + if follower_only { 40.0 } else { 0.0 };
+            let mut speed_mps = self.leader_speed(dice);
+            let mut h_m = margin_m(dice);
+            if follower_only {
+                (speed_mps, h_m) = (self.ego.speed_mps, dice.random_range(5.0..15.0));
+            }
             let dimensions = draw_dimensions(dice);
             let mut other = self.ahead(lane, speed_mps, h_m, dimensions, dice);
-            other.script = leader_script(dice);
+            other.script = if follower_only {
+                Script::BrakeFrom(dice.random_range(50..200))
+            } else {
+                leader_script(dice)
+            };
             if dice.random() {
                 other.station = Some(StationId(other.id + 10));
             }
@@ -444,7 +455,8 @@ impl Stage<'_> {
     fn follower(&mut self, lane: LaneIndex, dice: &mut ChaCha8Rng) {
         let safety = self.set.settings;
         let v = self.ego.speed_mps;
-        let speed_mps = (v + dice.random_range(-5.0..8.0)).clamp(0.0, TOP_MPS);
+        let slowest = if self.broken.is_some() { 0.0 } else { -5.0 };
+        let speed_mps = (v + dice.random_range(slowest..8.0)).clamp(0.0, TOP_MPS);
         let is_cav = dice.random_bool(0.4);
         let rho = if is_cav {
             safety.reaction_cav_s

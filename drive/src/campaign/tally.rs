@@ -2,15 +2,18 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use crate::Cause;
+use crate::{Cause, Monitor};
 
 /// What a campaign found, all of it on the truth.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Tally {
     /// Controlled steps.
     pub campaign_steps: u64,
-    /// Times that h fell below zero by more than round-off without an excuse.
+    /// Times that h, of the true bumpers and without any allowance, fell below zero by more than
+    /// round-off without an excuse.
     pub violations: u64,
+    /// Times that h in the set's own definition fell below zero while keeping a lane.
+    pub set_violations: u64,
     /// Times that the headway fell below P_safe without an excuse.
     pub headway_violations: u64,
     /// Times that h_0 fell below zero, where it was not so at once.
@@ -39,20 +42,25 @@ pub struct Tally {
     pub lateral_accel_steps: u64,
     /// Inputs that were not finite or outside U.
     pub bad_inputs: u64,
-    /// Times that the gap to a follower fell below P_safe after a lane change began.
+    /// Times that a follower was too near after a lane change began: nearer than P_safe, or, once
+    /// it had time to react, than it takes to stop behind the ego vehicle's hardest braking.
     pub rear_gap_breaches: u64,
-    /// Smallest gap to such a follower beyond P_bumper, in metres.
+    /// Smallest gap to such a follower beyond that, in metres.
     pub smallest_rear_room_m: f64,
     /// Smallest h without an excuse, in metres.
     pub smallest_h_m: f64,
     /// Smallest h_0 without an excuse, in metres.
     pub smallest_h0_m: f64,
+    /// Smallest h in the set's own definition while keeping a lane, in metres.
+    pub smallest_set_h_m: f64,
     /// Smallest distance of bodies' centres along the lane without an excuse, in metres.
     pub smallest_headway_m: f64,
     /// Lane changes that began.
     pub lane_changes: u64,
     /// What the monitor named, by cause.
     pub cause: BTreeMap<&'static str, u64>,
+    /// The same for gaps lost to followers.
+    pub rear_cause: BTreeMap<&'static str, u64>,
     /// Violations that the monitor saw and could not name.
     pub unattributed: u64,
     /// Seed and number of the first episode with a violation, an infeasible step or a collision.
@@ -64,6 +72,7 @@ impl Default for Tally {
         Self {
             campaign_steps: 0,
             violations: 0,
+            set_violations: 0,
             headway_violations: 0,
             collision_level_violations: 0,
             infeasible: 0,
@@ -82,9 +91,11 @@ impl Default for Tally {
             smallest_rear_room_m: f64::INFINITY,
             smallest_h_m: f64::INFINITY,
             smallest_h0_m: f64::INFINITY,
+            smallest_set_h_m: f64::INFINITY,
             smallest_headway_m: f64::INFINITY,
             lane_changes: 0,
             cause: BTreeMap::new(),
+            rear_cause: BTreeMap::new(),
             unattributed: 0,
             first_bad_episode: None,
         }
@@ -96,6 +107,7 @@ impl Tally {
     pub fn add(&mut self, other: &Self) {
         self.campaign_steps += other.campaign_steps;
         self.violations += other.violations;
+        self.set_violations += other.set_violations;
         self.headway_violations += other.headway_violations;
         self.collision_level_violations += other.collision_level_violations;
         self.infeasible += other.infeasible;
@@ -114,10 +126,16 @@ impl Tally {
         self.smallest_rear_room_m = self.smallest_rear_room_m.min(other.smallest_rear_room_m);
         self.smallest_h_m = self.smallest_h_m.min(other.smallest_h_m);
         self.smallest_h0_m = self.smallest_h0_m.min(other.smallest_h0_m);
+        self.smallest_set_h_m = self.smallest_set_h_m.min(other.smallest_set_h_m);
         self.smallest_headway_m = self.smallest_headway_m.min(other.smallest_headway_m);
         self.lane_changes += other.lane_changes;
-        for (&cause, count) in &other.cause {
-            *self.cause.entry(cause).or_default() += count;
+        for (causes, others) in [
+            (&mut self.cause, &other.cause),
+            (&mut self.rear_cause, &other.rear_cause),
+        ] {
+            for (&cause, count) in others {
+                *causes.entry(cause).or_default() += count;
+            }
         }
         self.unattributed += other.unattributed;
         let episodes = [self.first_bad_episode, other.first_bad_episode];
@@ -125,11 +143,16 @@ impl Tally {
     }
 
     /// Takes up what the monitor counted.
-    pub(super) fn add_causes<'a>(&mut self, causes: impl IntoIterator<Item = (&'a Cause, &'a usize)>) {
-        for (&cause, &count) in causes {
-            *self.cause.entry(cause.name()).or_default() += count as u64;
-            if cause == Cause::Unattributed {
-                self.unattributed += count as u64;
+    pub(super) fn add_causes(&mut self, monitor: &Monitor) {
+        for (causes, counted) in [
+            (&mut self.cause, monitor.violations()),
+            (&mut self.rear_cause, monitor.rear_losses()),
+        ] {
+            for (&cause, &count) in counted {
+                *causes.entry(cause.name()).or_default() += count as u64;
+                if cause == Cause::Unattributed {
+                    self.unattributed += count as u64;
+                }
             }
         }
     }
@@ -138,6 +161,7 @@ impl Tally {
     pub fn is_bad(&self) -> bool {
         let counts = [
             self.violations,
+            self.set_violations,
             self.headway_violations,
             self.collision_level_violations,
             self.infeasible,
@@ -152,9 +176,18 @@ impl Tally {
         counts.iter().any(|count| *count > 0)
     }
 
-    /// The cause that the monitor named most often, the start of a run and excuses aside.
+    /// The cause that the monitor named most often.
     pub fn most_frequent_cause(&self) -> Option<&'static str> {
-        let of = self.cause.iter().filter(|(_, count)| **count > 0);
-        of.max_by_key(|(_, count)| **count).map(|(cause, _)| *cause)
+        most_frequent(&self.cause)
     }
+
+    /// The cause of lost gaps to followers that the monitor named most often.
+    pub fn most_frequent_rear_cause(&self) -> Option<&'static str> {
+        most_frequent(&self.rear_cause)
+    }
+}
+
+fn most_frequent(causes: &BTreeMap<&'static str, u64>) -> Option<&'static str> {
+    let of = causes.iter().filter(|(_, count)| **count > 0);
+    of.max_by_key(|(_, count)| **count).map(|(cause, _)| *cause)
 }

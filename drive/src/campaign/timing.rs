@@ -6,7 +6,9 @@ use std::{
 use covista_control::{
     ControlSettings, Controller, EgoState, Neighbour, RoadProfile, SightLine, Situation, Solver,
 };
-use covista_world::{Action, ControlInput, LaneIndex, Road, RoadSegment, STEP_S, Se2Pose, StationId};
+use covista_world::{
+    Action, ControlInput, LaneIndex, Road, RoadSegment, STEP_S, Se2Pose, StationId,
+};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -285,7 +287,11 @@ fn time(recorded: &[Recorded], stage: Stage, calls: usize) -> StepTiming {
         solver: Solver::ClosedForm,
         stage,
         situations: "",
-        neighbours: recorded.iter().map(|of| of.neighbours.len()).max().unwrap_or(0),
+        neighbours: recorded
+            .iter()
+            .map(|of| of.neighbours.len())
+            .max()
+            .unwrap_or(0),
         calls: spans.len(),
         median_us: quantile_us(&spans, 0.5),
         p99_us: quantile_us(&spans, 0.99),

@@ -1,5 +1,5 @@
 use covista_control::{ControlOutput, LaneSet, Manoeuvre, SafetySettings};
-use covista_world::{ControlInput, FilterOutcome, LANE_COUNT, LaneIndex, Road};
+use covista_world::{ControlInput, FilterOutcome, LANE_COUNT, LaneIndex, Road, STEP_S};
 
 use super::{
     exact::{Levels, SafeSet},
@@ -10,7 +10,7 @@ use crate::TrueVehicle;
 /// Round-off.
 const TOLERANCE_M: f64 = 1e-6;
 /// What discrete steps of the follower's own braking may take from its gap.
-const REAR_TOLERANCE_M: f64 = 0.01;
+const REAR_TOLERANCE_M: f64 = 0.05;
 /// A vehicle slower than this stands.
 const STANDING_MPS: f64 = 0.5;
 
@@ -51,12 +51,16 @@ struct Pair {
     excuse: Option<Excuse>,
     /// When it entered the lane.
     entered: Option<usize>,
+    /// Keeping a lane inside the set's own definition.
+    in_set: bool,
     violates: bool,
     violates_h0: bool,
     headway_broken: bool,
     touches: bool,
     came_from_beside: bool,
     rear_broken: bool,
+    /// When the lane change before this follower began.
+    changing_since: Option<usize>,
 }
 
 /// What of the controller a step is judged by.
@@ -143,8 +147,8 @@ impl<'a> Watch<'a> {
             shares_lane: shared().next().is_some(),
             ..before
         };
-        let entered = shared()
-            .any(|lane| !before.occupied.contains(lane) && self.own_lanes.contains(lane));
+        let entered =
+            shared().any(|lane| !before.occupied.contains(lane) && self.own_lanes.contains(lane));
         if !pair.shares_lane {
             pair.came_from_beside = false;
         } else if entered && !pair.is_ahead {
@@ -162,6 +166,7 @@ impl<'a> Watch<'a> {
         } else {
             (pair.excuse, pair.entered) = (None, None);
             (pair.violates, pair.violates_h0, pair.headway_broken) = (false, false, false);
+            pair.in_set = false;
         }
         self.judge_touch(ego, other, before, &mut pair);
         if seen.follows {
@@ -170,7 +175,10 @@ impl<'a> Watch<'a> {
         pair
     }
 
-    #[expect(clippy::too_many_arguments, reason = "one step of one pair, before and after")]
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "one step of one pair, before and after"
+    )]
     fn judge_ahead(
         &mut self,
         judged: &Judged<'_>,
@@ -199,21 +207,31 @@ impl<'a> Watch<'a> {
             pair.excuse = self.late_excuse(judged, seen, pair, levels, changing);
             if pair.excuse.is_none() {
                 pair.violates = true;
-                if std::env::var("TRACE").is_ok() { eprintln!("VIOL step {} h {:.6} h0 {:.3} hw {:.3} v {:.3} vk {:.3} out {:?} man {:?} id {:?} s {:.2} d {:.2} rear {:.2} u {:?} ctl h {:.4} binding {:?}", judged.step, levels.h_m, levels.h0_m, levels.headway_m, judged.ego.speed_mps, seen.speed_mps, judged.output.outcome, judged.manoeuvre, seen.truth.id, judged.ego.frenet.s_m, judged.ego.frenet.d_m, seen.truth.s_range_m[0], judged.output.u, judged.output.h_m, judged.output.binding); }
                 self.tally.violations += 1;
             }
         }
         if levels.h0_m >= -TOLERANCE_M {
             pair.violates_h0 = false;
-        } else if !pair.violates_h0 && !matches!(pair.excuse, Some(Excuse::AtOnce { collides: true } | Excuse::KnownLate)) {
+        } else if !pair.violates_h0
+            && !matches!(
+                pair.excuse,
+                Some(Excuse::AtOnce { collides: true } | Excuse::KnownLate)
+            )
+        {
             pair.violates_h0 = true;
             self.tally.collision_level_violations += 1;
         }
         if pair.excuse.is_some() {
-            pair.headway_broken = false;
+            (pair.headway_broken, pair.in_set) = (false, false);
             return;
         }
         let tally = &mut self.tally;
+        let in_set = !changing && levels.set_h_m >= -TOLERANCE_M;
+        if !changing && (before.in_set || in_set) {
+            tally.smallest_set_h_m = tally.smallest_set_h_m.min(levels.set_h_m);
+            tally.set_violations += u64::from(!in_set);
+        }
+        pair.in_set = in_set;
         tally.smallest_h_m = tally.smallest_h_m.min(levels.h_m);
         tally.smallest_h0_m = tally.smallest_h0_m.min(levels.h0_m);
         tally.smallest_headway_m = tally.smallest_headway_m.min(levels.headway_m);
@@ -270,17 +288,30 @@ impl<'a> Watch<'a> {
 
     fn judge_behind(&mut self, judged: &Judged<'_>, seen: &Seen, pair: &mut Pair) {
         let Manoeuvre::ChangeLane { to, .. } = judged.manoeuvre else {
+            pair.changing_since = None;
             return;
         };
         if pair.is_ahead || !pair.occupied.contains(to) {
             return;
         }
+        let since = *pair.changing_since.get_or_insert(judged.step);
+        let reaction = (self.set.settings.reaction_human_s / STEP_S).ceil() as usize;
+        let has_reacted = judged.step > since + reaction;
         let other = &seen.truth;
         let gap_m = self
             .set
             .arc_m(to, other.s_range_m[1], judged.ego.s_range_m[0]);
         let half_lengths_m = (judged.ego.dimensions.length_m + other.dimensions.length_m) / 2.0;
-        let room_m = gap_m - (self.set.settings.headway_safe_m - half_lengths_m);
+        let settings = self.set.settings;
+        let stop_m = |v: f64, brake: f64| v * v / (2.0 * brake);
+        let own_m = stop_m(seen.speed_mps, settings.follower_brake_mps2);
+        let ego_m = stop_m(judged.ego.speed_mps, settings.brake_mps2);
+        let closed_m = if has_reacted {
+            (own_m - ego_m).max(0.0)
+        } else {
+            0.0
+        };
+        let room_m = gap_m - (settings.headway_safe_m - half_lengths_m) - closed_m;
         let tally = &mut self.tally;
         tally.smallest_rear_room_m = tally.smallest_rear_room_m.min(room_m);
         let broken = room_m < -REAR_TOLERANCE_M;
@@ -303,8 +334,7 @@ impl<'a> Watch<'a> {
         let within = tan_delta.abs() <= settings.tan_delta_max + 1e-9
             && accel_mps2 >= -settings.brake_mps2 - 1e-9
             && accel_mps2 <= settings.accel_max_mps2 + 1e-9;
-        let lateral_mps2 =
-            ego.speed_mps.powi(2) * tan_delta.abs() / ego.dimensions.wheelbase_m;
+        let lateral_mps2 = ego.speed_mps.powi(2) * tan_delta.abs() / ego.dimensions.wheelbase_m;
         let failed = matches!(
             output.outcome,
             FilterOutcome::Relaxed | FilterOutcome::Backup
@@ -314,7 +344,6 @@ impl<'a> Watch<'a> {
         tally.bad_inputs += u64::from(!within);
         tally.lateral_accel_steps +=
             u64::from(lateral_mps2 > settings.lateral_accel_max_mps2 + 1e-6);
-        if failed && !changing && !excused && std::env::var("TRACE").is_ok() { eprintln!("INF v {} {:?} s {} d {}", ego.speed_mps, output, ego.frenet.s_m, ego.frenet.d_m); }
         if failed && !changing {
             tally.infeasible += u64::from(!excused);
             tally.infeasible_excused += u64::from(excused);
