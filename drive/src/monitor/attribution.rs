@@ -90,6 +90,11 @@ impl Pair {
         ahead.is_some() && !self.was_ahead
     }
 
+    /// Whether h, less the promise's allowance, has been negative since an excuse.
+    pub fn is_excused(&self) -> bool {
+        self.excuse.is_some()
+    }
+
     /// Takes in one step; the cause of a violation that begins with it.
     pub fn step(&mut self, meeting: &Meeting<'_>, ahead: Option<&Ahead>) -> Option<Cause> {
         self.excuse = ahead

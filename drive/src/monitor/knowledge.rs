@@ -150,6 +150,17 @@ impl ErrorBound {
             speed_mps: settings.error_sigmas * track.velocity_std_mps,
         })
     }
+
+    /// The same, with what the vehicle may have done since `track` was measured: a CAV that wins
+    /// its distance back heeds that, too.
+    pub fn aged(self, track: Option<&Track>, time_s: f64, settings: &SafetySettings) -> Self {
+        let age_s = track.map_or(0.0, |track| (time_s - measured_s(track)).max(0.0));
+        let apart_mps2 = settings.leader_brake_mps2 + settings.follower_accel_mps2;
+        Self {
+            position_m: self.position_m + (self.speed_mps + 0.5 * apart_mps2 * age_s) * age_s,
+            speed_mps: self.speed_mps + settings.leader_brake_mps2 * age_s,
+        }
+    }
 }
 
 /// A track's body along the road, where it was measured.

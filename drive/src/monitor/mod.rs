@@ -215,7 +215,12 @@ impl Monitor {
             settings: gaps.settings,
         };
         let track = knowledge.track_of(other);
-        let ahead = gaps.ahead(other, shared, ErrorBound::new(track, gaps.settings));
+        let mut error = ErrorBound::new(track, gaps.settings);
+        let before = self.pairs.get(&(ego.id, other.id));
+        if before.is_some_and(Pair::is_excused) {
+            error = error.aged(track, time_s, gaps.settings);
+        }
+        let ahead = gaps.ahead(other, shared, error);
         let from_other = self.pairs.get(&(other.id, ego.id));
         let unknowing_other = from_other.and_then(|pair| pair.broken_lately(time_s));
         let pair = self.pairs.entry((ego.id, other.id)).or_default();
