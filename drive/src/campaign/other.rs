@@ -34,6 +34,8 @@ pub(super) enum Script {
         reaction_s: f64,
         accel_mps2: f64,
         brake_mps2: f64,
+        /// What it takes its own braking for.
+        promised_mps2: f64,
     },
 }
 
@@ -192,26 +194,21 @@ impl Other {
                 reaction_s,
                 accel_mps2,
                 brake_mps2,
-            } => merging.map_or(0.0, |merging| {
-                self.follow(merging, reaction_s, accel_mps2, brake_mps2)
-            }),
+                promised_mps2,
+            } => match merging {
+                Some(merging) if merging.since_s < reaction_s => accel_mps2,
+                Some(merging) if self.is_too_near(merging, promised_mps2) => -brake_mps2,
+                _ => 0.0,
+            },
         }
     }
 
-    /// Accelerates until it has reacted, then brakes whenever its own stopping distance is no
-    /// longer shorter than the room and the ego vehicle's.
-    fn follow(&self, merging: Merging, reaction_s: f64, accel_mps2: f64, brake_mps2: f64) -> f64 {
-        if merging.since_s < reaction_s {
-            return accel_mps2;
-        }
+    /// Whether its own stopping distance is no longer shorter than the room and the ego vehicle's.
+    fn is_too_near(&self, merging: Merging, brake_mps2: f64) -> bool {
         let v = self.now.speed_mps;
         let own_stop_m = v * v / (2.0 * brake_mps2) + 1.5 * v * STEP_S;
         let room_m = merging.gap_m - merging.keep_m;
-        if room_m < (own_stop_m - merging.ego_stop_m).max(0.5) {
-            -brake_mps2
-        } else {
-            0.0
-        }
+        room_m < (own_stop_m - merging.ego_stop_m).max(0.5)
     }
 
     /// The body as it truly is.
@@ -266,5 +263,6 @@ pub(super) fn follow(settings: &SafetySettings, reaction_s: f64) -> Script {
         reaction_s,
         accel_mps2: settings.follower_accel_mps2,
         brake_mps2: settings.follower_brake_mps2,
+        promised_mps2: settings.follower_brake_mps2,
     }
 }

@@ -486,12 +486,14 @@ impl Stage<'_> {
                     reaction_s: 2.5,
                     accel_mps2: 3.0,
                     brake_mps2: safety.follower_brake_mps2,
+                    promised_mps2: safety.follower_brake_mps2,
                 }
             }
             Some(Broken::FollowerBraking) => Script::Follow {
                 reaction_s: rho,
                 accel_mps2: safety.follower_accel_mps2,
                 brake_mps2: 0.4 * safety.follower_brake_mps2,
+                promised_mps2: safety.follower_brake_mps2,
             },
             _ => follow(safety, rho),
         };

@@ -149,7 +149,11 @@ impl CampaignRow {
     }
 
     pub fn broken(seed: u64, broken: Broken, found: &Tally) -> Self {
-        let most_frequent = found.most_frequent_cause();
+        let most_frequent = if broken.is_about_followers() {
+            found.most_frequent_rear_cause()
+        } else {
+            found.most_frequent_cause()
+        };
         Self {
             broken_on_purpose: true,
             broken: Some(broken.name()),
