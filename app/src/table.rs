@@ -29,7 +29,10 @@ pub fn side_by_side(runs: &[RunSummary]) -> String {
     add("collisions", &|run| run.collisions.to_string());
     add("unsafe actions", &|run| run.unsafe_actions.to_string());
     add("emergency stops (a km)", &|run| {
-        format!("{} ({:.2})", run.emergency_stops, run.emergency_stops_per_km)
+        format!(
+            "{} ({:.2})",
+            run.emergency_stops, run.emergency_stops_per_km
+        )
     });
     add("lane changes (a km)", &|run| {
         format!("{} ({:.2})", run.lane_changes, run.lane_changes_per_km)

@@ -266,6 +266,7 @@ impl<'a> Episode<'a> {
             .map(|(index, (cast, truth))| Seen {
                 truth: *truth,
                 speed_mps: cast.other.now.speed_mps,
+                measured_mps: cast.other.before(age, &self.scenario.road).speed_mps,
                 is_visible: self.in_sight_since[index].is_some() || self.is_known[index],
                 measured: self.is_known[index]
                     .then(|| step.checked_sub(age))

@@ -31,6 +31,8 @@ pub(super) struct Seen {
     pub truth: TrueVehicle,
     /// Along its lane.
     pub speed_mps: f64,
+    /// The same at its newest measurement.
+    pub measured_mps: f64,
     /// In the ego vehicle's sight, or known.
     pub is_visible: bool,
     /// Step of the newest measurement of it that is known.
@@ -251,7 +253,7 @@ impl<'a> Watch<'a> {
     ) -> Option<Excuse> {
         let leaves = changing
             && judged.ego.speed_mps <= self.set.settings.leaving_speed_mps + 0.1
-            && seen.speed_mps < STANDING_MPS
+            && seen.speed_mps.min(seen.measured_mps) < STANDING_MPS
             && levels.h0_m >= -TOLERANCE_M;
         let late = pair
             .entered
