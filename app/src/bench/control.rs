@@ -22,7 +22,7 @@ use rows::{CampaignRow, Row};
 const BROKEN_SHARE: u64 = 50;
 const BROKEN_STEPS: [u64; 2] = [30_000, 200_000];
 /// Steps in which a candidate for a plant's bounds has to hold.
-const PLANT_SHARE: u64 = 50;
+const PLANT_SHARE: u64 = 200;
 /// Timed calls of the closed form.
 const CALL_SHARE: u64 = 50;
 const CALLS: [u64; 2] = [1_000, 200_000];
