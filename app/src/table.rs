@@ -29,7 +29,10 @@ pub fn side_by_side(runs: &[RunSummary]) -> String {
     add("collisions", &|run| run.collisions.to_string());
     add("unsafe actions", &|run| run.unsafe_actions.to_string());
     add("emergency stops (a km)", &|run| {
-        format!("{} ({:.2})", run.emergency_stops, run.emergency_stops_per_km)
+        format!(
+            "{} ({:.2})",
+            run.emergency_stops, run.emergency_stops_per_km
+        )
     });
     add("lane changes (a km)", &|run| {
         format!("{} ({:.2})", run.lane_changes, run.lane_changes_per_km)
@@ -41,7 +44,10 @@ pub fn side_by_side(runs: &[RunSummary]) -> String {
         format!("{} ({})", run.violations, run.violations_unattributed)
     });
     add("  share of the CAVs' time, %", &|run| {
-        let violated = run.excused_share.values().fold(0.0, |sum, share| sum + share);
+        let violated = run
+            .excused_share
+            .values()
+            .fold(0.0, |sum, share| sum + share);
         format!("{:.1}", 100.0 * violated)
     });
     add("frames perceived", &|run| run.frames_perceived.to_string());
