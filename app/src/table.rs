@@ -44,7 +44,10 @@ pub fn side_by_side(runs: &[RunSummary]) -> String {
         format!("{} ({})", run.violations, run.violations_unattributed)
     });
     add("  share of the CAVs' time, %", &|run| {
-        let violated: f64 = run.excused_share.values().sum();
+        let violated = run
+            .excused_share
+            .values()
+            .fold(0.0, |sum, share| sum + share);
         format!("{:.1}", 100.0 * violated)
     });
     add("frames perceived", &|run| run.frames_perceived.to_string());

@@ -5,7 +5,7 @@ use crate::manoeuvre::{Course, lane_of};
 use crate::path::LateralPath;
 use crate::rows::Rows;
 use crate::verdict::{Judge, is_threatened};
-use crate::{ControlSettings, Manoeuvre, ReferenceSettings, SafetySettings, Situation};
+use crate::{ControlSettings, Manoeuvre, Mode, ReferenceSettings, SafetySettings, Situation};
 
 /// How an action is carried out: which manoeuvre runs, and along which path.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -84,7 +84,7 @@ impl Execution {
                 let unwanted = matches!(self.action, Action::EmergencyStop | Action::KeepLane);
                 if self.is_done(situation, to, safety) {
                     self.keep(situation, to);
-                } else if (unwanted || is_threatened(rows))
+                } else if (unwanted || settings.mode == Mode::Safe && is_threatened(rows))
                     && judge.may_return(settings.mode, from, to)
                 {
                     self.manoeuvre = Manoeuvre::Abort {

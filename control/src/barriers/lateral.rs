@@ -210,10 +210,10 @@ impl<'a> Lateral<'a> {
     /// noise in position.
     fn next_d_m(&self, side: Side) -> f64 {
         let step_m = self.speed_mps * STEP_S;
-        let slip_rad = self.safety.noise_slip_rad;
-        let towards = side.sign() * self.now.psi_rad + slip_rad;
-        let farther = self.safety.overrun(self.speed_mps) * towards.sin().max(0.0);
-        side.sign() * self.next.d_m + step_m * (slip_rad + farther)
+        let heading = side.sign() * self.now.psi_rad;
+        let sideways = (heading + self.safety.noise_slip_rad).sin();
+        let farther = self.safety.overrun(self.speed_mps) * sideways.max(0.0);
+        side.sign() * self.next.d_m + step_m * (sideways + farther - heading.sin())
     }
 
     /// How far from the rear axle's offset the body reaches to the left until a vehicle with
@@ -225,6 +225,7 @@ impl<'a> Lateral<'a> {
     /// the side slip and by the road's own turn within a step, and the step driven before the
     /// steering acts joins, v Ts sin psi. The rear corner swings by as much when the way back ends.
     fn excursion_m(&self, s_m: f64, speed_mps: f64, psi_rad: f64) -> f64 {
+        let speed_mps = speed_mps.max(self.first_step_mps());
         let overrun = self.safety.overrun(speed_mps);
         let step_m = speed_mps * STEP_S * (1.0 + overrun);
         let shift = self.sharpest_per_m * step_m + self.safety.noise_slip_rad;
@@ -246,6 +247,11 @@ impl<'a> Lateral<'a> {
             arm.hypot(self.front_m) - cos / counter
         };
         corner + rear_m + step_m * sin
+    }
+
+    /// At standstill there is no steering: what the first step's speed costs is counted before.
+    fn first_step_mps(&self) -> f64 {
+        self.safety.accel_max_mps2 * STEP_S + self.safety.noise_speed_mps
     }
 
     /// k_c: the vehicle's own curvature by which it can turn in a metre driven, less the road's,
@@ -316,6 +322,8 @@ impl Steering<'_> {
 
 /// Room below which a row is met: the rounding of positions on a curved road.
 const ROUNDING_M: f64 = 1e-9;
+/// What rounding may add up to.
+const ROUNDING_IN_ALL_M: f64 = 1e-7;
 
 impl Barrier for Steering<'_> {
     fn kind(&self) -> BarrierKind {
@@ -337,7 +345,8 @@ impl Barrier for Steering<'_> {
     fn row(&self) -> Row {
         let Self { lateral, .. } = *self;
         let h = self.h();
-        let kept = target(h, lateral.safety.eta) - ROUNDING_M;
+        let target = self.target();
+        let kept = (target - ROUNDING_M).max(target.min(-ROUNDING_IN_ALL_M));
         let lock = tan_delta_limit(lateral.speed_mps, lateral.wheelbase_m, lateral.safety);
         // The front must not turn towards the side too much, the rear not away from it.
         let towards = match self.part {
