@@ -12,6 +12,9 @@ pub fn side_by_side(runs: &[RunSummary]) -> String {
     add("mean speed, m/s", &|run| {
         format!("{:.2}", run.mean_velocity_mps)
     });
+    add("  of the CAVs", &|run| {
+        format!("{:.2}", run.cav_mean_velocity_mps)
+    });
     add("mean comfort, 0 to 3", &|run| {
         format!("{:.2}", run.mean_comfort)
     });
@@ -25,9 +28,27 @@ pub fn side_by_side(runs: &[RunSummary]) -> String {
     });
     add("collisions", &|run| run.collisions.to_string());
     add("unsafe actions", &|run| run.unsafe_actions.to_string());
-    add("emergency stops", &|run| run.emergency_stops.to_string());
+    add("emergency stops (a km)", &|run| {
+        format!(
+            "{} ({:.2})",
+            run.emergency_stops, run.emergency_stops_per_km
+        )
+    });
+    add("lane changes (a km)", &|run| {
+        format!("{} ({:.2})", run.lane_changes, run.lane_changes_per_km)
+    });
+    add("actions overruled, %", &|run| {
+        format!("{:.1}", 100.0 * run.actions_overruled_share)
+    });
     add("violations of h >= 0 (unattributed)", &|run| {
         format!("{} ({})", run.violations, run.violations_unattributed)
+    });
+    add("  share of the CAVs' time, %", &|run| {
+        let violated = run
+            .excused_share
+            .values()
+            .fold(0.0, |sum, share| sum + share);
+        format!("{:.1}", 100.0 * violated)
     });
     add("frames perceived", &|run| run.frames_perceived.to_string());
     add("bytes shared", &|run| run.bytes_shared.to_string());

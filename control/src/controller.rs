@@ -149,7 +149,7 @@ impl Controller {
             return self.blind_backup(situation);
         }
         self.advance(situation);
-        let course = self.execution.course(situation);
+        let course = self.execution.course(situation, &self.settings.safety);
         let path = self.execution.path(situation);
         let last_mps2 = self.last.accel_mps2;
         let u_nominal = reference(situation, &course, &path, last_mps2, &self.settings);
@@ -163,7 +163,7 @@ impl Controller {
             return self.blind_backup(situation);
         }
         self.advance(situation);
-        let course = self.execution.course(situation);
+        let course = self.execution.course(situation, &self.settings.safety);
         self.filtered(situation, &course, u_nominal)
     }
 
@@ -292,7 +292,7 @@ impl Controller {
 
     /// Whether the paper's QP without slack has a solution.
     fn paper_verdict(&self, situation: &Situation<'_>, action: Action) -> ActionVerdict {
-        let course = self.execution.course_of(situation, action);
+        let course = (self.execution).course_of(situation, action, &self.settings.safety);
         let ego = &situation.ego;
         let safety = &self.settings.safety;
         let bounds = Bounds::new(ego.state.speed_mps, ego.dimensions.wheelbase_m, safety);

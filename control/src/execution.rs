@@ -1,12 +1,11 @@
 use covista_world::{Action, LaneIndex};
 
 use crate::barriers::lateral::{Lateral, Strip};
-use crate::lanes::LaneSet;
 use crate::manoeuvre::{Course, lane_of};
 use crate::path::LateralPath;
 use crate::rows::Rows;
 use crate::verdict::{Judge, is_threatened};
-use crate::{ControlSettings, Manoeuvre, ReferenceSettings, SafetySettings, Situation};
+use crate::{ControlSettings, Manoeuvre, Mode, ReferenceSettings, SafetySettings, Situation};
 
 /// How an action is carried out: which manoeuvre runs, and along which path.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -85,7 +84,7 @@ impl Execution {
                 let unwanted = matches!(self.action, Action::EmergencyStop | Action::KeepLane);
                 if self.is_done(situation, to, safety) {
                     self.keep(situation, to);
-                } else if (unwanted || is_threatened(rows))
+                } else if (unwanted || settings.mode == Mode::Safe && is_threatened(rows))
                     && judge.may_return(settings.mode, from, to)
                 {
                     self.manoeuvre = Manoeuvre::Abort {
@@ -112,21 +111,26 @@ impl Execution {
     }
 
     /// The lanes that the manoeuvre takes up.
-    pub fn course(&self, situation: &Situation<'_>) -> Course {
+    pub fn course(&self, situation: &Situation<'_>, safety: &SafetySettings) -> Course {
         match self.manoeuvre {
             Manoeuvre::KeepLane { lane } | Manoeuvre::Announced { lane, .. } => Course::keep(lane),
-            Manoeuvre::ChangeLane { from, to, .. } => running(situation, from, to),
-            Manoeuvre::Abort { from, back } => running(situation, from, back),
+            Manoeuvre::ChangeLane { from, to, .. } => running(situation, from, to, safety),
+            Manoeuvre::Abort { from, back } => running(situation, from, back, safety),
         }
     }
 
     /// The lanes that `action` would take up.
-    pub fn course_of(&self, situation: &Situation<'_>, action: Action) -> Course {
+    pub fn course_of(
+        &self,
+        situation: &Situation<'_>,
+        action: Action,
+        safety: &SafetySettings,
+    ) -> Course {
         match self.manoeuvre {
             Manoeuvre::KeepLane { lane } | Manoeuvre::Announced { lane, .. } => {
                 lane_of(lane, action).map_or(Course::keep(lane), |to| Course::change(lane, to))
             }
-            _ => self.course(situation),
+            _ => self.course(situation, safety),
         }
     }
 
@@ -137,30 +141,40 @@ impl Execution {
     }
 
     fn is_done(&self, situation: &Situation<'_>, lane: LaneIndex, safety: &SafetySettings) -> bool {
-        let (road, ego) = (situation.road(), &situation.ego);
-        let path_ends = self
-            .path
-            .is_none_or(|path| ego.frenet.s_m >= path.end_s_m());
-        let strip = Strip::of(road, &[lane]);
-        let lateral = Lateral::new(situation.profile, ego, ego.frenet, strip, safety);
-        path_ends && ego.frenet.psi_rad.abs() < PARALLEL_RAD && lateral.h_m() >= 0.0
+        let frenet = &situation.ego.frenet;
+        let path_ends = self.path.is_none_or(|path| frenet.s_m >= path.end_s_m());
+        let is_parallel = frenet.psi_rad.abs() < PARALLEL_RAD;
+        path_ends && is_parallel && h_lateral_m(situation, lane, safety) >= 0.0
     }
 }
 
 /// A heading this small ends a lane change.
 const PARALLEL_RAD: f64 = 0.03;
 
-/// The lanes of a change that runs; the one that the body has left counts no more.
-fn running(situation: &Situation<'_>, from: LaneIndex, to: LaneIndex) -> Course {
-    let (road, ego) = (situation.road(), &situation.ego);
-    let (right_m, left_m) = ego.lateral_extent_m(road);
-    let covered = LaneSet::between(road, right_m, left_m, 0.0);
-    let off_m = ego.frenet.d_m - road.lane_center_m(to);
-    let left = !covered.contains(from) && off_m.abs() < road.lane_width_m() / 2.0;
-    Course {
-        current: (!left).then_some(from),
-        ..Course::change(from, to)
+/// The lanes of a change that runs. Once the body can stay within the lane that it enters it has
+/// to, and the other counts no more.
+fn running(
+    situation: &Situation<'_>,
+    from: LaneIndex,
+    to: LaneIndex,
+    safety: &SafetySettings,
+) -> Course {
+    if h_lateral_m(situation, to, safety) >= 0.0 {
+        Course {
+            current: None,
+            target: Some(to),
+            strip: [to, to],
+        }
+    } else {
+        Course::change(from, to)
     }
+}
+
+/// The lateral barriers of one lane.
+fn h_lateral_m(situation: &Situation<'_>, lane: LaneIndex, safety: &SafetySettings) -> f64 {
+    let ego = &situation.ego;
+    let strip = Strip::of(situation.road(), &[lane]);
+    Lateral::new(situation.profile, ego, ego.frenet, strip, safety).h_m()
 }
 
 /// A quintic to the centre of `to`: as long as a lane change takes in time, but longer where the

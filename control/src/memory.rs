@@ -41,8 +41,9 @@ struct Known {
 }
 
 impl Memory {
-    /// Why h towards `neighbour` is negative, if it is: as before while it lasts. A cut-in or a
-    /// reveal counts when the measured gap is inside the set, too, not the worst member alone.
+    /// Why h towards `neighbour` is negative, if it is: as before while it lasts. A vehicle that
+    /// was not known before is excused where no member of its estimate is outside the set; one that
+    /// comes in from beside where its measured gap is inside.
     pub fn judge(&self, front: &Front<'_>, neighbour: &Neighbour) -> Option<Excuse> {
         if front.h() >= -ROUNDING_M {
             return None;
@@ -57,16 +58,14 @@ impl Memory {
             Some(Excuse::Leaving) => return Some(Excuse::Revealed),
             lasting => return lasting,
         }
-        let came = match before {
-            None => Excuse::Revealed,
-            Some(known) if !known.lanes.contains(front.lane()) => Excuse::CutIn,
-            Some(_) => return Some(Excuse::Revised),
+        let excuse = match before {
+            None if front.best_h_m() < 0.0 => Excuse::Revealed,
+            Some(known) if !known.lanes.contains(front.lane()) && front.measured_h_m() < 0.0 => {
+                Excuse::CutIn
+            }
+            _ => Excuse::Revised,
         };
-        Some(if front.measured_h_m() < 0.0 {
-            came
-        } else {
-            Excuse::Revised
-        })
+        Some(excuse)
     }
 
     /// Takes up the neighbours of this step and the excuses that their rows had.

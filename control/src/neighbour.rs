@@ -30,6 +30,9 @@ pub struct Neighbour {
     pub worst_s_rear_m: f64,
     /// Its speed then.
     pub worst_slow_mps: f64,
+    /// Road s of its rear bumper if it accelerated with a_b ever since it was measured, and the
+    /// error flatters it.
+    pub best_s_rear_m: f64,
     /// Road s of its front bumper if it accelerated with a_b ever since it was measured.
     pub worst_s_front_m: f64,
     /// Its speed then.
@@ -107,6 +110,7 @@ impl Neighbour {
             length_m: state.length_m,
             worst_s_rear_m: rear_m + braked_m * metres.least - position_error_m * metres.most,
             worst_slow_mps: (slow_mps - settings.leader_brake_mps2 * age_s).max(0.0),
+            best_s_rear_m: rear_m + (driven_m + position_error_m) * metres.most,
             worst_s_front_m: front_m + (driven_m + position_error_m) * metres.most,
             worst_fast_mps: fast_mps + settings.follower_accel_mps2 * age_s,
             action: track.action.filter(|_| intends),
@@ -144,6 +148,7 @@ impl Neighbour {
             self.length_m,
             self.worst_s_rear_m,
             self.worst_slow_mps,
+            self.best_s_rear_m,
             self.worst_s_front_m,
             self.worst_fast_mps,
             self.announced_s.unwrap_or(0.0),

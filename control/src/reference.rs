@@ -108,6 +108,9 @@ fn curve_speed_mps(situation: &Situation<'_>, settings: &ControlSettings) -> f64
     settings.reference.speed_share * situation.profile.comfortable_speed_mps(preview_s_m)
 }
 
+/// The end of the sight stays where it is until the next sweep.
+const SIGHT_PREVIEW_S: f64 = 0.2;
+
 /// The speed from which the sight allows to stop.
 fn sight_speed_mps(
     situation: &Situation<'_>,
@@ -119,9 +122,10 @@ fn sight_speed_mps(
     let keep_m = if ahead.leaving {
         safety.collision_margin_m
     } else {
-        ahead.headway_bumper_m(0.0, safety)
+        ahead.headway_bumper_m(safety.shortest_vehicle_m, safety)
     };
     let closing = Closing::new(safety, 1.0, 1.0);
-    let limit = closing.max_speed_mps(gap.gap_m - keep_m, 0.0, 80.0);
+    let driven_m = SIGHT_PREVIEW_S * situation.ego.state.speed_mps;
+    let limit = closing.max_speed_mps(gap.gap_m - keep_m - driven_m, 0.0, 80.0);
     settings.reference.speed_share * limit.unwrap_or(0.0)
 }

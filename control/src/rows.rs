@@ -118,7 +118,13 @@ pub fn shortfall(
     let mut most = 0.0_f64;
     let mut missed = |barrier: &dyn Barrier| {
         if barrier.kind() != BarrierKind::RearTarget && !barrier.row().admits(u) {
-            most = most.max(barrier.target() - barrier.h_next(u));
+            // Where h is minus infinity no finite slack is enough.
+            let missing = barrier.target() - barrier.h_next(u);
+            most = most.max(if missing.is_nan() {
+                f64::INFINITY
+            } else {
+                missing
+            });
         }
     };
     longitudinal(situation, course, &next, memory, safety, &mut missed);

@@ -74,6 +74,7 @@ impl EgoState {
     }
 
     /// Offsets d (right, left) between which the body lies.
+    #[cfg(test)]
     pub(crate) fn lateral_extent_m(&self, road: &Road) -> (f64, f64) {
         lateral_extent_m(
             self.dimensions

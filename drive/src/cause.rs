@@ -4,13 +4,14 @@
 /// below zero, and lasts until it is back. Its cause is found once, when it begins:
 ///
 /// - `start`, `cut-in` and `revealed` excuse it only where h, less the promise's own allowance for
-///   noise and curvature, was already negative when the run began, the vehicle entered the lane or
-///   it came into sight, and has been so ever since;
+///   noise, curvature and the error of what the CAV knows of the vehicle, was already negative when
+///   the run began, the vehicle entered the lane or it came into sight, and has been so ever since;
 /// - every other cause is an observation that a bound of `SafetySettings` did not hold, for this
 ///   pair of vehicles, at the time or within the three seconds before: as long as braking to
 ///   standstill takes.
 ///
-/// Where several hold, the excuses go first, then the causes in the order of this list.
+/// Where several hold, the excuses go first, then what vehicles did, in the order of this list, then
+/// the newest that the CAV did not know.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Cause {
     /// The run began inside the set: h(x_0) < 0.
@@ -18,8 +19,9 @@ pub enum Cause {
     /// A human driver came over the line, or past the CAV within its lane, inside the set.
     CutIn,
     /// The vehicle came into sight, or was uncovered by another, inside the set, and nobody had
-    /// told of it. Not where the CAV's own free sight ended before it all the time: the sight row
-    /// promises room to stop there.
+    /// told of it; or the CAV's own sight broke off inside the set, less than
+    /// `perception_delay_s` after the vehicle came into sight. Not where the free sight ended
+    /// before it all the time: the sight row promises room to stop there.
     Revealed,
     /// Excused: the CAV, slower than `leaving_speed_mps`, leaves its lane round a stopped vehicle
     /// towards which the collision level holds.
@@ -34,7 +36,8 @@ pub enum Cause {
     /// b_min (`follower_brake_mps2`) where it had to, its reaction time after the lane change
     /// began. It explains a gap lost to a follower, never a violation of h.
     FollowerMotion,
-    /// The CAV had no track of the vehicle `perception_delay_s` after it came into sight.
+    /// The CAV had no track of the vehicle, within `sight_range_m`, `perception_delay_s` after it
+    /// came into sight.
     MissedObject,
     /// The track's newest measurement was older than `knowledge_age_max_s`.
     MessageAge,
@@ -42,7 +45,8 @@ pub enum Cause {
     /// `error_sigmas` standard deviations of its track allow, or it was in a lane of the CAV
     /// while its track was not.
     PerceptionError,
-    /// The CAV's free sight was said to reach past a vehicle in plain view that it did not know.
+    /// A vehicle in sight was not known, and the lane said to be confirmed free to more than
+    /// `sight_error_m` past its rear.
     SightError,
     /// None of them: a defect of covista.
     Unattributed,

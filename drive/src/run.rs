@@ -290,7 +290,8 @@ impl<'a> Loop<'a> {
                 let own = self.odometry(self.cavs[index].id);
                 let cav = &mut self.cavs[index];
                 cav.decide(time_s, &self.profile, &own)?;
-                self.tally.takes(cav, own.accel_mps2);
+                self.tally
+                    .takes(cav.id, cav.preferred, cav.mapped, own.accel_mps2);
             }
         }
         self.tally.stages.planner_s += start.elapsed().as_secs_f64();
@@ -474,5 +475,33 @@ impl<'a> Loop<'a> {
         let wall_s = self.start.elapsed().as_secs_f64();
         self.tally
             .summary(self.config, &self.cavs, &self.monitor, wall_s)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_summarys_figures_fit_together() {
+        let scenario = Scenario::builtin("mixed-traffic").expect("a scenario");
+        let config = RunConfig {
+            scenario,
+            seed: 3,
+            sharing: true,
+            channel: ChannelSettings::default(),
+            duration_s: 3.0,
+            control: ControlSettings::default(),
+        };
+        let summary = run(&config, &mut Senses::Truth, &mut |_| Ok(())).expect("a run");
+        let driven_km =
+            summary.cav_mean_velocity_mps * 3.0 / 1000.0 * summary.vehicles.len() as f64;
+        assert!((summary.cav_km - driven_km).abs() < 1e-9);
+        let lane_changes = summary.lane_changes_per_km * summary.cav_km;
+        assert!((lane_changes - summary.lane_changes as f64).abs() < 1e-9);
+        assert!((0.0..=1.0).contains(&summary.actions_overruled_share));
+        assert!(summary.ttc_p1_s <= summary.ttc_p5_s && summary.ttc_p5_s <= summary.ttc_p50_s);
+        assert!(summary.jerk_p50_mps3.is_some());
+        assert_eq!(summary.violations_unattributed, 0);
     }
 }

@@ -69,18 +69,18 @@ impl Tally {
         self.first_sight_s.entry(cav).or_insert(time_s);
     }
 
-    /// A behaviour step: `cav` has chosen its action while it accelerates with `accel_mps2`.
-    pub fn takes(&mut self, cav: &Cav, accel_mps2: f64) {
-        let comfort = covista_planner::comfort(accel_mps2, cav.mapped);
+    /// A behaviour step: `cav` takes `mapped` where its policy preferred another action or the same,
+    /// while it accelerates with `accel_mps2`.
+    pub fn takes(&mut self, cav: VehicleId, preferred: Action, mapped: Action, accel_mps2: f64) {
+        let comfort = covista_planner::comfort(accel_mps2, mapped);
         self.comfort.add(comfort);
-        self.overruled
-            .add(f64::from(u8::from(cav.mapped != cav.preferred)));
-        if cav.mapped != Action::EmergencyStop {
-            self.stopping.remove(&cav.id);
+        self.overruled.add(f64::from(u8::from(mapped != preferred)));
+        if mapped != Action::EmergencyStop {
+            self.stopping.remove(&cav);
             return;
         }
         self.emergency_stop_steps += 1;
-        self.emergency_stops += usize::from(self.stopping.insert(cav.id));
+        self.emergency_stops += usize::from(self.stopping.insert(cav));
     }
 
     /// One step of a vehicle's motion.
@@ -200,4 +200,34 @@ fn share(part: f64, whole: f64) -> f64 {
 /// A time without the rounding of its sum of steps.
 fn to_step(time_s: &f64) -> f64 {
     (time_s * 100.0).round() / 100.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn emergency_stops_in_a_row_of_one_vehicle_are_one() {
+        use Action::{ChangeLeft, EmergencyStop, KeepLane};
+        let mut tally = Tally::new([]);
+        let (one, two) = (VehicleId(1), VehicleId(2));
+        for (cav, preferred, mapped) in [
+            (one, KeepLane, EmergencyStop),
+            (two, KeepLane, EmergencyStop),
+            (one, ChangeLeft, EmergencyStop),
+            (one, ChangeLeft, KeepLane),
+            (one, KeepLane, EmergencyStop),
+            (two, KeepLane, KeepLane),
+        ] {
+            tally.takes(cav, preferred, mapped, 0.0);
+        }
+        assert_eq!((tally.emergency_stop_steps, tally.emergency_stops), (4, 3));
+        assert!((tally.overruled.get() - 5.0 / 6.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_share_of_nothing_is_none() {
+        assert!(share(0.0, 0.0).abs() < 1e-12);
+        assert!((share(1.0, 4.0) - 0.25).abs() < 1e-12);
+    }
 }

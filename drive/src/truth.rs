@@ -1,7 +1,5 @@
 use covista_traffic::{Traffic, VehicleId, VehicleKind};
-use covista_world::{
-    BicycleState, FrenetPose, LaneIndex, Road, STEP_S, VehicleDimensions, wrap_angle,
-};
+use covista_world::{BicycleState, FrenetPose, LaneIndex, Road, STEP_S, VehicleDimensions};
 use nalgebra::Vector2;
 
 /// One vehicle as it truly is, along the road.
@@ -104,22 +102,13 @@ impl TrueVehicle {
     /// infinite without a lane.
     pub fn gap_to_m(&self, ahead: &Self, lanes: Lanes, road: &Road) -> f64 {
         let (from_m, to_m) = (self.s_range_m[1], ahead.s_range_m[0]);
-        let turned_rad = turned_rad(road, from_m, to_m);
+        // A line at offset d is shorter by d times the angle that the road turns by.
+        let turned_rad = road.turn_rad(from_m, to_m);
         lanes
             .iter()
             .map(|lane| to_m - from_m - road.lane_center_m(lane) * turned_rad)
             .fold(f64::INFINITY, f64::min)
     }
-}
-
-/// Angle by which the road turns left from `from_m` to `to_m`.
-///
-/// A line at offset d from the reference line is shorter by d times this angle.
-pub(crate) fn turned_rad(road: &Road, from_m: f64, to_m: f64) -> f64 {
-    if road.sharpest_per_m() <= 0.0 {
-        return 0.0;
-    }
-    wrap_angle(road.reference(to_m).0.yaw_rad - road.reference(from_m).0.yaw_rad)
 }
 
 /// Some of the lanes.

@@ -19,5 +19,5 @@ pub use action_values::ActionValues;
 pub use free_lane::{FreeLane, FreeLaneSettings};
 pub use observation::{InvalidObservation, Manoeuvre, Neighbour, Observation, OwnMotion};
 pub use policy::Policy;
-pub use reward::{COMFORT_THRESHOLD_MPS2, comfort};
+pub use reward::{COMFORT_THRESHOLD_MPS2, Reward, comfort};
 pub use safe_action_mapping::{MappedAction, safe_action_mapping};

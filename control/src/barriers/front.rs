@@ -229,6 +229,12 @@ impl<'a> Front<'a> {
             .h_m(&self.closing, self.keep_m)
     }
 
+    /// h of the most favourable member of what the leader may be.
+    pub fn best_h_m(&self) -> f64 {
+        let best = (self.ahead).gap(self.leader.best_s_rear_m, self.leader.worst_fast_mps);
+        best.h_m(&self.closing, self.keep_m)
+    }
+
     /// Whether the distance level may be given up to drive round the leader.
     pub fn leaves_round(&self) -> bool {
         self.ahead.leaves_round(self.leader, self.safety)

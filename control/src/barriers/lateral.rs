@@ -225,6 +225,7 @@ impl<'a> Lateral<'a> {
     /// the side slip and by the road's own turn within a step, and the step driven before the
     /// steering acts joins, v Ts sin psi. The rear corner swings by as much when the way back ends.
     fn excursion_m(&self, s_m: f64, speed_mps: f64, psi_rad: f64) -> f64 {
+        let speed_mps = speed_mps.max(self.first_step_mps());
         let overrun = self.safety.overrun(speed_mps);
         let step_m = speed_mps * STEP_S * (1.0 + overrun);
         let shift = self.sharpest_per_m * step_m + self.safety.noise_slip_rad;
@@ -246,6 +247,11 @@ impl<'a> Lateral<'a> {
             arm.hypot(self.front_m) - cos / counter
         };
         corner + rear_m + step_m * sin
+    }
+
+    /// At standstill there is no steering: what the first step's speed costs is counted before.
+    fn first_step_mps(&self) -> f64 {
+        self.safety.accel_max_mps2 * STEP_S + self.safety.noise_speed_mps
     }
 
     /// k_c: the vehicle's own curvature by which it can turn in a metre driven, less the road's,
@@ -337,7 +343,12 @@ impl Barrier for Steering<'_> {
     fn row(&self) -> Row {
         let Self { lateral, .. } = *self;
         let h = self.h();
-        let kept = target(h, lateral.safety.eta) - ROUNDING_M;
+        let target = self.target();
+        let kept = if target >= -ROUNDING_M {
+            (target - ROUNDING_M).max(-ROUNDING_M)
+        } else {
+            target
+        };
         let lock = tan_delta_limit(lateral.speed_mps, lateral.wheelbase_m, lateral.safety);
         // The front must not turn towards the side too much, the rear not away from it.
         let towards = match self.part {

@@ -4,8 +4,8 @@ use super::front::{Ahead, Gap, recovery_accel_mps2};
 use super::{Barrier, Input, ROUNDING_M, Row, target};
 use crate::{Closing, SafetySettings};
 
-/// h_vis = s_clear - P_bumper - D(v, 0): something may stand where the sight ends. It is taken to
-/// have no length, which leaves the longest P_bumper.
+/// h_vis = s_clear - P_bumper - D(v, 0): a vehicle may stand where the sight ends. It is taken to
+/// be the shortest there is, which leaves the longest P_bumper.
 ///
 /// A line of sight that breaks off inside the set (a leader's cut-out, a passing truck) is outside
 /// the promise; speed then follows with the gentle braking.
@@ -24,7 +24,7 @@ impl<'a> Sight<'a> {
     pub fn new(ahead: &Ahead<'_>, clear_s_m: f64, safety: &'a SafetySettings) -> Self {
         let closing = Closing::new(safety, ahead.rates.high, 1.0);
         let gap = gap(ahead, clear_s_m, safety);
-        let keep_m = ahead.headway_bumper_m(0.0, safety);
+        let keep_m = ahead.headway_bumper_m(safety.shortest_vehicle_m, safety);
         Self {
             safety,
             closing,

@@ -156,6 +156,7 @@ impl ControlSettings {
             ("noise_curvature_per_m", s.noise_curvature_per_m),
             ("perception_delay_s", s.perception_delay_s),
             ("sight_error_m", s.sight_error_m),
+            ("shortest_vehicle_m", s.shortest_vehicle_m),
             ("qp.slack_max", self.qp.slack_max),
             ("collision_margin_m", s.collision_margin_m),
             ("leaving_speed_mps", s.leaving_speed_mps),

@@ -62,6 +62,8 @@ pub struct SafetySettings {
     pub sight_range_m: f64,
     /// How far beyond the truth the free sight may be said to reach.
     pub sight_error_m: f64,
+    /// Length of the shortest vehicle that may stand where the sight ends.
+    pub shortest_vehicle_m: f64,
     /// How long a stretch that was seen free counts as free.
     pub sight_memory_s: f64,
     /// Time between the announcement of a lane change and its start; a CAV's intention counts as
@@ -97,7 +99,8 @@ impl Default for SafetySettings {
             perception_delay_s: 1.5,
             knowledge_age_max_s: 1.0,
             sight_range_m: 65.0,
-            sight_error_m: 2.0,
+            sight_error_m: 1.0,
+            shortest_vehicle_m: 3.0,
             sight_memory_s: 1.0,
             announcement_s: 0.3,
         }

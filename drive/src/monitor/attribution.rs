@@ -68,8 +68,10 @@ pub(super) struct Meeting<'a> {
     pub own_lanes_before: Lanes,
     /// Whether the CAV has a track of the other.
     pub known: bool,
-    /// Whether the CAV's own free sight excuses that it did not stop short of the other.
-    pub sight_excuses: bool,
+    /// Whether the CAV's own free sight broke off.
+    pub sight_broke_off: bool,
+    /// Whether it reaches past the other, over a vehicle that hides it.
+    pub sight_reaches_past: bool,
     /// The other lost more speed than leaders may.
     pub leader_braking: Last,
     /// The CAV did not move as its input says.
@@ -86,6 +88,11 @@ impl Pair {
     /// Whether the other is now ahead in a lane of the CAV and was not before.
     pub fn comes_in(&self, ahead: Option<&Ahead>) -> bool {
         ahead.is_some() && !self.was_ahead
+    }
+
+    /// Whether h, less the promise's allowance, has been negative since an excuse.
+    pub fn is_excused(&self) -> bool {
+        self.excuse.is_some()
     }
 
     /// Takes in one step; the cause of a violation that begins with it.
@@ -121,18 +128,26 @@ impl Pair {
     fn excuse_of(&self, meeting: &Meeting<'_>, ahead: &Ahead) -> Option<Cause> {
         let own_lane = meeting.shared.shared_with(meeting.own_lanes_before);
         let came_in = self.comes_in(Some(ahead)) && !own_lane.is_empty();
-        let since_s = self
-            .in_sight
-            .since_s(meeting.time_s, meeting.settings.sight_memory_s);
-        let hidden = since_s.is_none_or(|since_s| since_s >= meeting.time_s);
         if meeting.first {
             Some(Cause::Start)
         } else if came_in && meeting.other.kind == VehicleKind::Human {
             Some(Cause::CutIn)
         } else {
-            let revealed = hidden && !meeting.known && meeting.sight_excuses;
-            revealed.then_some(Cause::Revealed)
+            self.is_revealed(meeting).then_some(Cause::Revealed)
         }
+    }
+
+    /// Whether the CAV could not know of the other, and need not have stopped short of it.
+    fn is_revealed(&self, meeting: &Meeting<'_>) -> bool {
+        let settings = meeting.settings;
+        let in_sight_s = self
+            .in_sight
+            .since_s(meeting.time_s, settings.sight_memory_s)
+            .map_or(0.0, |since_s| meeting.time_s - since_s);
+        let hidden = in_sight_s <= 0.0;
+        let fresh = in_sight_s < settings.perception_delay_s;
+        let excused = meeting.sight_broke_off && fresh || meeting.sight_reaches_past && hidden;
+        !meeting.known && excused
     }
 
     /// Why h becomes negative.

@@ -2,8 +2,8 @@ use covista_control::SafetySettings;
 use covista_traffic::VehicleKind;
 use covista_world::{LaneIndex, Road};
 
-use super::{Cause, closing::Closing};
-use crate::truth::{Lanes, TrueVehicle, turned_rad};
+use super::{Cause, closing::Closing, knowledge::ErrorBound};
+use crate::truth::{Lanes, TrueVehicle};
 
 /// The true barriers of one CAV at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -23,7 +23,8 @@ pub struct TrueBarriers {
 pub(super) struct Ahead {
     pub h_m: f64,
     pub h0_m: f64,
-    /// h, less all that the promise allows for.
+    /// h, less all that the promise allows for: noise, curvature, and how wrong the CAV's track of
+    /// it may be.
     pub h_promised_m: f64,
     pub headway_m: f64,
     /// Time to collision, while the gap closes.
@@ -64,8 +65,9 @@ impl<'a> Gaps<'a> {
         }
     }
 
-    /// The barriers towards `other`, where it is ahead in one of `lanes`.
-    pub fn ahead(&self, other: &TrueVehicle, lanes: Lanes) -> Option<Ahead> {
+    /// The barriers towards `other`, known as well as `error` says, where it is ahead in one of
+    /// `lanes`.
+    pub fn ahead(&self, other: &TrueVehicle, lanes: Lanes, error: ErrorBound) -> Option<Ahead> {
         if lanes.is_empty() || !self.ego.is_behind(other) {
             return None;
         }
@@ -80,8 +82,9 @@ impl<'a> Gaps<'a> {
             h0_m: gap_m - self.settings.collision_margin_m - closing_m,
             h_promised_m: gap_m
                 - self.turning_reach_m()
+                - error.position_m
                 - keep_m
-                - self.promised.distance_m(v, v_k),
+                - self.promised.distance_m(v, v_k - error.speed_mps),
             headway_m: gap_m + half_lengths_m,
             ttc_s: (closing_mps > 0.0).then(|| gap_m.max(0.0) / closing_mps),
         })
@@ -97,7 +100,7 @@ impl<'a> Gaps<'a> {
     /// The sight barrier in `lane`, free up to road s `clear_s_m`.
     pub fn sight(&self, lane: LaneIndex, clear_s_m: f64) -> Sight {
         let front_m = self.ego.s_range_m[1];
-        let turned_rad = turned_rad(self.road, front_m, clear_s_m);
+        let turned_rad = self.road.turn_rad(front_m, clear_s_m);
         let free_m = clear_s_m - front_m - self.road.lane_center_m(lane) * turned_rad;
         let budget_m = free_m - self.settings.headway_safe_m + self.ego.dimensions.length_m;
         let v = self.ego.speed_mps;

@@ -60,13 +60,22 @@ impl CavState {
         }
     }
 
-    /// Whether the CAV need not have stopped short of `other`: its free sight reaches past, over a
-    /// vehicle that hides the other, or has broken off.
-    pub fn sight_excuses(&self, lanes: Lanes, other: &TrueVehicle) -> bool {
-        lanes.iter().any(|lane| {
-            let sight = &self.sight[usize::from(lane.get())];
-            let past = |clear_s_m| clear_s_m > other.s_range_m[0];
-            sight.broke_off || sight.clear_s_m.is_none_or(past)
-        })
+    /// Whether its sight in one of `lanes` broke off.
+    pub fn sight_broke_off(&self, lanes: Lanes) -> bool {
+        self.sight_in(lanes).any(|sight| sight.broke_off)
+    }
+
+    /// Whether its sight in one of `lanes` reaches past the rear of `other`: over a vehicle that
+    /// hides it.
+    pub fn sight_reaches_past(&self, other: &TrueVehicle, lanes: Lanes) -> bool {
+        let past = |clear_s_m| clear_s_m > other.s_range_m[0];
+        self.sight_in(lanes)
+            .any(|sight| sight.clear_s_m.is_none_or(past))
+    }
+
+    fn sight_in(&self, lanes: Lanes) -> impl Iterator<Item = &LaneSight> {
+        lanes
+            .iter()
+            .map(|lane| &self.sight[usize::from(lane.get())])
     }
 }

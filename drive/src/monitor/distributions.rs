@@ -1,17 +1,17 @@
 use covista_world::STEP_S;
 
-/// Counts of a quantity at or above zero, in bins of one width.
+/// Counts of a quantity at or above zero, in bins of equal width.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Histogram {
-    bin_width: f64,
+    bins_per_unit: f64,
     bins: Vec<u64>,
     beyond: u64,
 }
 
 impl Histogram {
-    fn new(bin_width: f64, bins: usize) -> Self {
+    fn new(bins_per_unit: f64, bins: usize) -> Self {
         Self {
-            bin_width,
+            bins_per_unit,
             bins: vec![0; bins],
             beyond: 0,
         }
@@ -19,7 +19,7 @@ impl Histogram {
 
     /// Takes `value` in; what is below zero or no number counts as zero.
     fn add(&mut self, value: f64) {
-        match self.bins.get_mut((value / self.bin_width) as usize) {
+        match self.bins.get_mut((value * self.bins_per_unit) as usize) {
             Some(bin) => *bin += 1,
             None => self.beyond += 1,
         }
@@ -41,12 +41,12 @@ impl Histogram {
             sum >= rank
         });
         let bins = bin.map_or(self.bins.len(), |bin| bin + 1);
-        (count > 0).then_some(bins as f64 * self.bin_width)
+        (count > 0).then_some(bins as f64 / self.bins_per_unit)
     }
 
     /// How many values lie below `limit`, a whole number of bins.
     pub fn below(&self, limit: f64) -> u64 {
-        let bins = (limit / self.bin_width).round() as usize;
+        let bins = (limit * self.bins_per_unit).round() as usize;
         self.bins.iter().take(bins).sum()
     }
 }
@@ -71,8 +71,8 @@ pub struct Distributions {
 impl Distributions {
     pub(super) fn new() -> Self {
         Self {
-            ttc_s: Histogram::new(0.05, 1200),
-            jerk_mps3: Histogram::new(0.1, 2000),
+            ttc_s: Histogram::new(20.0, 1200),
+            jerk_mps3: Histogram::new(10.0, 2000),
         }
     }
 
@@ -115,7 +115,7 @@ mod tests {
 
     #[test]
     fn quantiles_are_those_of_the_sorted_values() {
-        let mut histogram = Histogram::new(0.1, 1000);
+        let mut histogram = Histogram::new(10.0, 1000);
         assert_eq!(histogram.quantile(0.5), None);
         (0..100).for_each(|i| histogram.add(f64::from(i) + 0.05));
         for (p, value) in [(0.01, 0.1), (0.05, 4.1), (0.5, 49.1), (0.99, 98.1)] {

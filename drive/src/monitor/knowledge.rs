@@ -4,15 +4,13 @@ use covista_world::{LaneIndex, Road, Track};
 use nalgebra::{Rotation2, Vector2};
 
 use super::Cause;
-use crate::truth::{Lanes, TrueVehicle, turned_rad};
+use crate::truth::{Lanes, TrueVehicle};
 
 /// A track within this distance of a vehicle, and nearer to it than to any other, is a track of it.
 const SAME_OBJECT_M: f64 = 4.0;
 /// What projecting a body onto a curved road may be wrong by.
 const PROJECTION_M: f64 = 0.01;
 const PROJECTION_MPS: f64 = 0.01;
-/// How far beyond the truth the free sight may be said to reach.
-const SIGHT_ERROR_M: f64 = 2.0;
 /// How far from a lane a body may be for vision's lane of it to count.
 const VISION_LANE_REACH_M: f64 = 1.0;
 
@@ -99,8 +97,8 @@ impl<'a> Knowledge<'a> {
         if in_range && seen_s >= self.settings.perception_delay_s {
             return Some(Cause::MissedObject);
         }
-        let limit_m = other.vehicle.s_range_m[0] + SIGHT_ERROR_M;
-        let claims = |sight: &SightLine, lane: LaneIndex| sight.clear_s_m(lane) > limit_m;
+        let limit_m = other.vehicle.s_range_m[0] + self.settings.sight_error_m;
+        let claims = |sight: &SightLine, lane: LaneIndex| sight.open_s_m(lane) > limit_m;
         let overreaches = self
             .sight
             .is_some_and(|sight| other.shared.iter().any(|lane| claims(sight, lane)));
@@ -113,11 +111,11 @@ impl<'a> Knowledge<'a> {
         let (settings, vehicle) = (self.settings, other.vehicle);
         let known = OnRoad::new(track, self.road, vehicle.frenet.s_m, self.time_s);
         let age_s = self.age_s(track);
-        let position_m = settings.error_sigmas * track.position_std_m + PROJECTION_M;
-        let speed_mps = settings.error_sigmas * track.velocity_std_mps;
+        let allowed = ErrorBound::new(Some(track), settings);
+        let (position_m, speed_mps) = (allowed.position_m + PROJECTION_M, allowed.speed_mps);
         let bumper = if other.ahead { 0 } else { 1 };
         let (known_s_m, true_s_m) = (known.s_range_m[bumper], vehicle.s_range_m[bumper]);
-        let turned_rad = turned_rad(self.road, known_s_m, true_s_m);
+        let turned_rad = self.road.turn_rad(known_s_m, true_s_m);
         let driven_m = true_s_m - known_s_m - vehicle.frenet.d_m * turned_rad;
         let beyond = if other.ahead {
             let slow_mps = (known.along_mps - speed_mps).max(0.0);
@@ -134,6 +132,34 @@ impl<'a> Knowledge<'a> {
         };
         let lanes = known.lanes(track, self.road, age_s, settings.lane_entry_m);
         beyond || !other.shared.without(lanes).is_empty()
+    }
+}
+
+/// How wrong a track may be where it was measured.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct ErrorBound {
+    pub position_m: f64,
+    pub speed_mps: f64,
+}
+
+impl ErrorBound {
+    /// That of `track`; none without one.
+    pub fn new(track: Option<&Track>, settings: &SafetySettings) -> Self {
+        track.map_or(Self::default(), |track| Self {
+            position_m: settings.error_sigmas * track.position_std_m,
+            speed_mps: settings.error_sigmas * track.velocity_std_mps,
+        })
+    }
+
+    /// The same, with what the vehicle may have done since `track` was measured: a CAV that wins
+    /// its distance back heeds that, too.
+    pub fn aged(self, track: Option<&Track>, time_s: f64, settings: &SafetySettings) -> Self {
+        let age_s = track.map_or(0.0, |track| (time_s - measured_s(track)).max(0.0));
+        let apart_mps2 = settings.leader_brake_mps2 + settings.follower_accel_mps2;
+        Self {
+            position_m: self.position_m + (self.speed_mps + 0.5 * apart_mps2 * age_s) * age_s,
+            speed_mps: self.speed_mps + settings.leader_brake_mps2 * age_s,
+        }
     }
 }
 

@@ -29,7 +29,7 @@ use barriers::Gaps;
 pub use barriers::TrueBarriers;
 use cav_state::CavState;
 pub use distributions::{Distributions, Histogram};
-use knowledge::{Knowledge, Other};
+use knowledge::{ErrorBound, Knowledge, Other};
 use motion::Motion;
 
 /// h below this counts as violated: round-off.
@@ -206,7 +206,6 @@ impl Monitor {
             ..
         } = encounter;
         let (ego, time_s) = (gaps.ego, now.time_s);
-        let ahead = gaps.ahead(other, shared);
         let knowledge = Knowledge {
             time_s,
             road: now.road,
@@ -215,11 +214,17 @@ impl Monitor {
             sight: view.sight,
             settings: gaps.settings,
         };
+        let track = knowledge.track_of(other);
+        let mut error = ErrorBound::new(track, gaps.settings);
+        let before = self.pairs.get(&(ego.id, other.id));
+        if before.is_some_and(Pair::is_excused) {
+            error = error.aged(track, time_s, gaps.settings);
+        }
+        let ahead = gaps.ahead(other, shared, error);
         let from_other = self.pairs.get(&(other.id, ego.id));
         let unknowing_other = from_other.and_then(|pair| pair.broken_lately(time_s));
         let pair = self.pairs.entry((ego.id, other.id)).or_default();
         let is_ahead = ego.is_behind(other);
-        let track = knowledge.track_of(other);
         let broken = knowledge.broken(&Other {
             vehicle: other,
             ahead: is_ahead,
@@ -248,7 +253,8 @@ impl Monitor {
                 shared,
                 own_lanes_before: lanes_before,
                 known: track.is_some(),
-                sight_excuses: cav.sight_excuses(shared, other),
+                sight_broke_off: cav.sight_broke_off(shared),
+                sight_reaches_past: cav.sight_reaches_past(other, shared),
                 leader_braking: (self.vehicles.get(&other.id))
                     .map(|motion| motion.braked_too_hard)
                     .unwrap_or_default(),

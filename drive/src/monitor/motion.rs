@@ -10,10 +10,6 @@ pub(super) const STUCK_MPS: f64 = 0.5;
 const STUCK_S: f64 = 5.0;
 /// What sums of floating-point numbers may differ by, in m, m/s and rad.
 const ROUND_OFF: f64 = 1e-6;
-/// Direction of travel against the heading.
-const NOISE_SLIP_RAD: f64 = 2e-3;
-/// Driven curvature against tan(delta) / L.
-const NOISE_CURVATURE_PER_M: f64 = 1e-4;
 
 /// When something was last seen to happen.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -133,8 +129,11 @@ impl Expected {
         let position_m = settings.noise_position_m * moving;
         let errors = [
             (along_m, position_m),
-            (across_m, (driven_m + position_m) * NOISE_SLIP_RAD.tan()),
-            (turned_rad, driven_m * NOISE_CURVATURE_PER_M),
+            (
+                across_m,
+                (driven_m + position_m) * settings.noise_slip_rad.tan(),
+            ),
+            (turned_rad, driven_m * settings.noise_curvature_per_m),
             (gained_mps, settings.noise_speed_mps * moving),
         ];
         errors

@@ -74,6 +74,18 @@ fn what_comes_to_lie_before_a_sight_that_broke_off_is_revealed() {
 }
 
 #[test]
+fn what_a_cut_out_has_just_uncovered_is_revealed() {
+    // A glimpse past the leader, from outside of the set, before the sight over it breaks off.
+    let mut scene = Scene::new(20.0, 0.0, 9.0);
+    scene.know = nothing;
+    let rear_m = scene.vehicles()[1].s_range_m[0];
+    scene.sight = Some(SightLine::new([rear_m + 40.0; 3], 0.0).with_open([rear_m - 20.0; 3]));
+    scene.run(0.2);
+    scene.sight = Some(SightLine::new([rear_m - 6.0; 3], 0.2));
+    assert_eq!(scene.run(0.5).causes(), [Cause::Revealed]);
+}
+
+#[test]
 fn going_round_a_standing_vehicle_is_leaving() {
     let mut scene = Scene::new(3.0, 0.0, 0.5);
     scene.manoeuvre = Manoeuvre::ChangeLane {
@@ -156,14 +168,14 @@ fn knowledge_that_is_too_old_is_named() {
 #[test]
 fn an_error_beyond_its_bound_is_named() {
     let wrong: [Know; 3] = [
-        // Farther than it is by more than three deviations of 0.2 m.
+        // Farther than it is by more than three deviations of 0.05 m.
         |mut track, _| {
-            track.state.center.x_m += 0.7;
+            track.state.center.x_m += 0.2;
             Some(track)
         },
-        // Faster than it is by more than three deviations of 0.3 m/s.
+        // Faster than it is by more than three deviations of 0.05 m/s.
         |mut track, _| {
-            track.state.velocity_mps.x += 1.0;
+            track.state.velocity_mps.x += 0.2;
             Some(track)
         },
         // Not in the lane that it is in.
@@ -178,8 +190,8 @@ fn an_error_beyond_its_bound_is_named() {
     let harmless: [Know; 4] = [
         exactly,
         |mut track, _| {
-            track.state.center.x_m += 0.59;
-            track.state.velocity_mps.x += 0.89;
+            track.state.center.x_m += 0.14;
+            track.state.velocity_mps.x += 0.14;
             Some(track)
         },
         // Nearer and slower than it is: the CAV is only the more careful.
