@@ -172,7 +172,7 @@ impl Pair {
 fn contest(away_m: f64, speeds_mps: [f64; 2], at: [usize; 2], loss: f64, seed: u64) -> [bool; 2] {
     let mut pair = Pair::new(away_m, speeds_mps, loss, seed);
     let wants = [Action::ChangeRight, Action::ChangeLeft];
-    for step in 0..1200 {
+    for step in 0..900 {
         for i in [0, 1] {
             if step == at[i] {
                 let time_s = pair.drives[i].time_s;
@@ -193,7 +193,7 @@ fn contest(away_m: f64, speeds_mps: [f64; 2], at: [usize; 2], loss: f64, seed: u
 fn two_that_announce_for_one_gap_never_both_start() {
     let mut dice = Dice(9);
     let mut one = 0;
-    for seed in 1..60 {
+    for seed in 1..30 {
         let away_m = dice.uniform(-15.0, 15.0);
         let v = dice.uniform(5.0, 20.0);
         let at = [20, 20 + dice.uniform(0.0, 40.0) as usize];
@@ -201,7 +201,7 @@ fn two_that_announce_for_one_gap_never_both_start() {
         one += usize::from(ends[0] != ends[1]);
     }
     // Messages arrive: somebody gets it.
-    assert_eq!(one, 59);
+    assert_eq!(one, 29);
 }
 
 #[test]
@@ -213,7 +213,7 @@ fn of_two_that_announce_at_once_the_lower_station_goes() {
 #[test]
 fn where_messages_are_lost_never_both_start_either() {
     let mut dice = Dice(21);
-    for seed in 1..120 {
+    for seed in 1..50 {
         let loss = [0.3, 0.7, 0.9, 1.0][seed as usize % 4];
         let away_m = dice.uniform(-25.0, 25.0);
         let v = dice.uniform(5.0, 20.0);

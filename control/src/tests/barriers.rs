@@ -130,7 +130,7 @@ fn a_row_admits_an_input_where_h_reaches_its_target() {
     let mut dice = Dice(31);
     // How often each kind was looked at and had a finite limit.
     let mut seen = BTreeMap::<String, (usize, usize)>::new();
-    for round in 0..7000 {
+    for round in 0..3500 {
         let mut drive = random_drive(&mut dice, KINDS[round % KINDS.len()]);
         let changes = round % 3 != 0;
         drive.with_situation(|_, situation| {
@@ -180,7 +180,7 @@ fn a_row_admits_an_input_where_h_reaches_its_target() {
     }
     for kind in KINDS {
         let (count, finite) = seen[&format!("{kind:?}")];
-        assert!(count > 500 && finite > 100, "{kind:?} {count} {finite}");
+        assert!(count > 200 && finite > 50, "{kind:?} {count} {finite}");
     }
 }
 
@@ -262,15 +262,17 @@ proptest! {
     }
 
     #[test]
-    fn the_sight_barrier_is_that_of_something_without_length_that_stands(
+    fn the_sight_barrier_is_that_of_a_short_vehicle_that_stands(
         v in 0.01..30.0_f64, away_m in 30.0..150.0_f64, a in -8.0..3.0_f64,
     ) {
         let mut drive = Drive::new(straight(), 1, 100.0, v);
         drive.clear_s_m = 100.0 + away_m;
         let a = a.max(-v / STEP_S);
         let (h, h_next) = of_kind(&mut drive, false, input(0.0, a), BarrierKind::Sight);
-        let gap_m = 100.0 + away_m - 2.0 - drive.state.pose.x_m - reaches_m().0;
-        let keep_m = 18.5 - 2.3;
+        let safety = drive.safety();
+        let clear_m = 100.0 + away_m - safety.sight_error_m;
+        let gap_m = clear_m - drive.state.pose.x_m - reaches_m().0;
+        let keep_m = 18.5 - 0.5 * (4.6 + safety.shortest_vehicle_m);
         prop_assert!((h - (gap_m - keep_m - closing_m(v, 0.0))).abs() < EXACT);
         let next_mps = v + a * STEP_S;
         let next_mps = if next_mps > 0.0 { next_mps + 5e-3 } else { 0.0 };

@@ -176,15 +176,17 @@ fn nobody_on_the_road_is_no_limit() {
     assert!(drive.controller.excused().is_empty());
 }
 
-fn following(others: &[Other]) -> Vec<ControlOutput> {
+const STEPS: usize = 400;
+
+fn following(others: &[Other], steps: usize) -> Vec<ControlOutput> {
     let mut drive = Drive::new(corner(), 1, 150.0, 14.0);
     drive.others = others.to_vec();
-    (0..400)
+    (0..steps)
         .map(|step| {
             let output = drive.filter(input(0.0, 2.0));
             drive.apply(output.u);
             for other in &mut drive.others {
-                other.step(if step < 200 { -4.0 } else { 3.0 });
+                other.step(if step < steps / 2 { -4.0 } else { 3.0 });
             }
             output
         })
@@ -194,12 +196,12 @@ fn following(others: &[Other]) -> Vec<ControlOutput> {
 #[test]
 fn a_vehicle_that_is_told_twice_counts_once() {
     let leader = Other::new(1, 190.0, 0.0, 12.0);
-    let alone = following(&[leader]);
+    let alone = following(&[leader], STEPS);
     assert!(alone.iter().any(|output| output.u.accel_mps2 < -3.0));
-    assert_eq!(alone, following(&[leader, leader]));
+    assert_eq!(alone, following(&[leader, leader], STEPS));
     let twin = Other { id: 99, ..leader };
-    assert_eq!(alone, following(&[leader, twin]));
-    assert_eq!(alone, following(&[twin, leader]));
+    assert_eq!(alone, following(&[leader, twin], STEPS));
+    assert_eq!(alone, following(&[twin, leader], STEPS));
 }
 
 #[test]
@@ -208,9 +210,9 @@ fn two_places_for_one_id_are_two_vehicles() {
         Other::new(1, 190.0, 0.0, 12.0),
         Other::new(1, 215.0, 0.0, 12.0),
     );
-    let alone = following(&[near]);
-    assert_eq!(alone, following(&[far, near]));
-    assert_eq!(alone, following(&[near, far]));
+    let alone = following(&[near], STEPS);
+    assert_eq!(alone, following(&[far, near], STEPS));
+    assert_eq!(alone, following(&[near, far], STEPS));
 }
 
 #[test]
@@ -228,9 +230,9 @@ fn a_thousand_neighbours_are_as_many_rows() {
         })
         .collect();
     crowd.insert(500, leader);
-    assert_eq!(following(&[leader]), following(&crowd));
+    assert_eq!(following(&[leader], 40), following(&crowd, 40));
     let in_lane: Vec<Other> = (0..1000)
         .map(|id| Other::new(id, 190.0 + 0.1 * f64::from(id), 0.0, 12.0))
         .collect();
-    assert_eq!(following(&in_lane[..1]), following(&in_lane));
+    assert_eq!(following(&in_lane[..1], 40), following(&in_lane, 40));
 }

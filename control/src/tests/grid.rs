@@ -82,6 +82,7 @@ impl Place<'_> {
             d_left_m: center_m + 0.9,
             speed_mps,
             length_m: 4.6,
+            best_s_rear_m: rear_s_m,
             worst_s_rear_m: rear_s_m,
             worst_slow_mps: speed_mps,
             worst_s_front_m: rear_s_m + 4.6,
@@ -117,7 +118,11 @@ impl Place<'_> {
         for _ in 0..4 {
             let leader = self.leader(rear_s_m, leader_mps);
             self.rows(&State { ego, leader }, rows);
-            rear_s_m -= (lowest(rows) - h_m) / (1.0 - road.curvature(rear_s_m) * center_m);
+            let off_m = lowest(rows) - h_m;
+            if off_m.abs() < 1e-10 {
+                break;
+            }
+            rear_s_m -= off_m / (1.0 - road.curvature(rear_s_m) * center_m);
         }
         let leader = self.leader(rear_s_m, leader_mps);
         State { ego, leader }

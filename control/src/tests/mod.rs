@@ -11,6 +11,7 @@ mod longitudinal;
 mod manoeuvres;
 mod modes;
 mod numbers;
+mod oracle;
 mod own_barriers;
 mod running;
 mod sampling;
