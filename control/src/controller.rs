@@ -148,6 +148,7 @@ impl Controller {
         if !is_usable(situation) {
             return self.blind_backup(situation);
         }
+        let situation = &settled(situation);
         self.advance(situation);
         let course = self.execution.course(situation, &self.settings.safety);
         let path = self.execution.path(situation);
@@ -162,6 +163,7 @@ impl Controller {
         if !is_finite || !is_usable(situation) {
             return self.blind_backup(situation);
         }
+        let situation = &settled(situation);
         self.advance(situation);
         let course = self.execution.course(situation, &self.settings.safety);
         self.filtered(situation, &course, u_nominal)
@@ -366,6 +368,17 @@ fn is_usable(situation: &Situation<'_>) -> bool {
         && situation.sight.is_usable()
         && situation.neighbours.iter().all(crate::Neighbour::is_finite)
 }
+
+/// A vehicle that stands but for rounding stands.
+fn settled<'a>(situation: &Situation<'a>) -> Situation<'a> {
+    let mut situation = *situation;
+    if situation.ego.state.speed_mps < STANDING_MPS {
+        situation.ego.state.speed_mps = 0.0;
+    }
+    situation
+}
+
+const STANDING_MPS: f64 = 1e-9;
 
 fn smallest(rows: &Rows, level: impl Fn(&Row) -> f64) -> f64 {
     rows.hard

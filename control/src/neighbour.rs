@@ -93,7 +93,7 @@ impl Neighbour {
         let driven_m = fast_mps * age_s + 0.5 * settings.follower_accel_mps2 * age_s.powi(2);
 
         let reach_m = 2.0 * driven_m + position_error_m;
-        let metres = MetresOfRoad::around(road, rear_m - reach_m, front_m + reach_m, center.d_m);
+        let metres = MetresOfRoad::around(road, [rear_m - reach_m, front_m + reach_m], center);
         let heard_s = track.station.and_then(|station| track.seen_by(station));
         let intends =
             heard_s.is_some_and(|heard_s| now_s - heard_s <= settings.announcement_s + 1e-9);
@@ -108,10 +108,14 @@ impl Neighbour {
             d_left_m,
             speed_mps,
             length_m: state.length_m,
-            worst_s_rear_m: rear_m + braked_m * metres.least - position_error_m * metres.most,
+            worst_s_rear_m: center.s_m - (center.s_m - rear_m) * metres.most_by_here
+                + braked_m * metres.least
+                - position_error_m * metres.most,
             worst_slow_mps: (slow_mps - settings.leader_brake_mps2 * age_s).max(0.0),
             best_s_rear_m: rear_m + (driven_m + position_error_m) * metres.most,
-            worst_s_front_m: front_m + (driven_m + position_error_m) * metres.most,
+            worst_s_front_m: center.s_m
+                + (front_m - center.s_m) * metres.most_by_here
+                + (driven_m + position_error_m) * metres.most,
             worst_fast_mps: fast_mps + settings.follower_accel_mps2 * age_s,
             action: track.action.filter(|_| intends),
             announced_s: track.announced_s.filter(|_| intends),
@@ -163,17 +167,20 @@ struct MetresOfRoad {
     least: f64,
     mean: f64,
     most: f64,
+    /// The most by what it is where the vehicle was measured.
+    most_by_here: f64,
 }
 
 impl MetresOfRoad {
-    fn around(road: &Road, from_m: f64, to_m: f64, d_m: f64) -> Self {
+    fn around(road: &Road, [from_m, to_m]: [f64; 2], center: FrenetPoint) -> Self {
         let (right, left) = road.curvature_range(from_m, to_m);
-        let per_metre = |curvature: f64| 1.0 / (1.0 - curvature * d_m).max(0.5);
+        let per_metre = |curvature: f64| 1.0 / (1.0 - curvature * center.d_m).max(0.5);
         let (one, other) = (per_metre(right), per_metre(left));
         Self {
             least: one.min(other),
             mean: 0.5 * (one + other),
             most: one.max(other),
+            most_by_here: one.max(other) / per_metre(road.curvature(center.s_m)),
         }
     }
 }

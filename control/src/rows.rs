@@ -205,7 +205,7 @@ fn sight<'a>(
         return through;
     }
     let own = Sight::new(ahead, situation.sight.open_s_m(ahead.lane), safety);
-    if own.h() >= 0.0 { own } else { through }
+    if own.may_hold() { own } else { through }
 }
 
 /// The lanes of a course, as front rows look at them.

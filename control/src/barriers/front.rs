@@ -285,6 +285,7 @@ impl Barrier for Front<'_> {
                 self.ahead.measured(self.leader),
                 &self.closing,
                 self.keep_m,
+                self.h_m,
                 self.safety,
             )),
         };
@@ -300,19 +301,16 @@ impl Barrier for Front<'_> {
 /// Share of a metre that a broken distance level is won back in a second.
 const RECOVERY_PER_S: f64 = 0.5;
 
-/// Largest acceleration that wins the distance level back, no less than the gentle braking.
+/// Largest acceleration that wins a distance level `h_m` < 0 back against the measured motion, no
+/// less than the gentle braking.
 pub fn recovery_accel_mps2(
     measured: Gap,
     closing: &Closing,
     keep_m: f64,
+    h_m: f64,
     safety: &SafetySettings,
 ) -> f64 {
-    let h = measured.h_m(closing, keep_m);
-    let wanted = if h >= 0.0 {
-        target(h, safety.eta)
-    } else {
-        h + (-h).min(1.0) * RECOVERY_PER_S * STEP_S
-    };
+    let wanted = measured.h_m(closing, keep_m) + (-h_m).min(1.0) * RECOVERY_PER_S * STEP_S;
     measured
         .accel_max_mps2(closing, safety, keep_m, wanted, measured.leader_mps)
         .max(-safety.gentle_brake_mps2)

@@ -210,10 +210,10 @@ impl<'a> Lateral<'a> {
     /// noise in position.
     fn next_d_m(&self, side: Side) -> f64 {
         let step_m = self.speed_mps * STEP_S;
-        let slip_rad = self.safety.noise_slip_rad;
-        let towards = side.sign() * self.now.psi_rad + slip_rad;
-        let farther = self.safety.overrun(self.speed_mps) * towards.sin().max(0.0);
-        side.sign() * self.next.d_m + step_m * (slip_rad + farther)
+        let heading = side.sign() * self.now.psi_rad;
+        let sideways = (heading + self.safety.noise_slip_rad).sin();
+        let farther = self.safety.overrun(self.speed_mps) * sideways.max(0.0);
+        side.sign() * self.next.d_m + step_m * (sideways + farther - heading.sin())
     }
 
     /// How far from the rear axle's offset the body reaches to the left until a vehicle with
@@ -322,6 +322,8 @@ impl Steering<'_> {
 
 /// Room below which a row is met: the rounding of positions on a curved road.
 const ROUNDING_M: f64 = 1e-9;
+/// What rounding may add up to.
+const ROUNDING_IN_ALL_M: f64 = 1e-7;
 
 impl Barrier for Steering<'_> {
     fn kind(&self) -> BarrierKind {
@@ -344,11 +346,7 @@ impl Barrier for Steering<'_> {
         let Self { lateral, .. } = *self;
         let h = self.h();
         let target = self.target();
-        let kept = if target >= -ROUNDING_M {
-            (target - ROUNDING_M).max(-ROUNDING_M)
-        } else {
-            target
-        };
+        let kept = (target - ROUNDING_M).max(target.min(-ROUNDING_IN_ALL_M));
         let lock = tan_delta_limit(lateral.speed_mps, lateral.wheelbase_m, lateral.safety);
         // The front must not turn towards the side too much, the rear not away from it.
         let towards = match self.part {

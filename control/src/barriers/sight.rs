@@ -8,7 +8,8 @@ use crate::{Closing, SafetySettings};
 /// be the shortest there is, which leaves the longest P_bumper.
 ///
 /// A line of sight that breaks off inside the set (a leader's cut-out, a passing truck) is outside
-/// the promise; speed then follows with the gentle braking.
+/// the promise; speed then follows with the gentle braking. As long as the sight may reach far
+/// enough, its error taken for nothing, the row is hard.
 #[derive(Debug, Clone, Copy)]
 pub struct Sight<'a> {
     safety: &'a SafetySettings,
@@ -33,6 +34,11 @@ impl<'a> Sight<'a> {
             h_m: gap.h_m(&closing, keep_m),
             leaving: ahead.leaving && gap.speed_mps <= safety.leaving_speed_mps,
         }
+    }
+
+    /// Whether h_vis >= 0 unless the end of sight is said to be farther than it is.
+    pub fn may_hold(&self) -> bool {
+        self.h_m >= -self.safety.sight_error_m
     }
 
     fn limit_mps2(&self, keep_m: f64, h: f64) -> f64 {
@@ -61,7 +67,7 @@ impl Barrier for Sight<'_> {
     }
 
     fn row(&self) -> Row {
-        let upper = if self.h_m >= -ROUNDING_M {
+        let upper = if self.h_m >= -ROUNDING_M || self.may_hold() && !self.leaving {
             self.limit_mps2(self.keep_m, self.h_m)
         } else if self.leaving {
             let margin_m = self.safety.collision_margin_m;
@@ -69,7 +75,7 @@ impl Barrier for Sight<'_> {
             let slow = (self.safety.leaving_speed_mps - self.gap.speed_mps) / STEP_S;
             self.limit_mps2(margin_m, h0).min(slow)
         } else {
-            recovery_accel_mps2(self.gap, &self.closing, self.keep_m, self.safety)
+            recovery_accel_mps2(self.gap, &self.closing, self.keep_m, self.h_m, self.safety)
         };
         Row::at_most(BarrierKind::Sight, Input::Accel, upper, self.h_m)
     }
