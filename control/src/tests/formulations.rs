@@ -86,9 +86,17 @@ fn only_the_noisy_one_has_noise() {
             safety.noise_curvature_per_m,
         ]
     };
-    assert_eq!(noise(Formulation::NoiseFree), [0.0; 4]);
-    assert_eq!(noise(Formulation::Relaxed), [0.0; 4]);
-    assert_eq!(noise(Formulation::Noisy), [1e-3, 5e-3, 2e-3, 1e-4]);
+    assert!(
+        noise(Formulation::NoiseFree)
+            .iter()
+            .all(|bound| *bound <= 0.0)
+    );
+    assert!(
+        noise(Formulation::Relaxed)
+            .iter()
+            .all(|bound| *bound <= 0.0)
+    );
+    assert!(noise(Formulation::Noisy).iter().all(|bound| *bound > 0.0));
 }
 
 /// Lowest h behind a leader that stops as hard as it may, with every step's noise at its bound.

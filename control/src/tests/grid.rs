@@ -110,22 +110,23 @@ impl Place<'_> {
         );
     }
 
-    /// The leader `h_m` outside the set.
-    fn behind(&self, ego: EgoState, leader_mps: f64, h_m: f64, rows: &mut Rows) -> State {
+    /// The leader so far ahead that h is `h_m`, with the rows of that state; `None` where the gap
+    /// for it lies in a curve and is not found at once.
+    fn behind(&self, ego: EgoState, leader_mps: f64, h_m: f64, rows: &mut Rows) -> Option<State> {
         let road = self.profile.road();
         let center_m = road.lane_center_m(self.lane);
         let mut rear_s_m = self.s_m + 250.0;
         for _ in 0..4 {
             let leader = self.leader(rear_s_m, leader_mps);
-            self.rows(&State { ego, leader }, rows);
-            let off_m = lowest(rows) - h_m;
+            let state = State { ego, leader };
+            self.rows(&state, rows);
+            let off_m = front_m(rows) - h_m;
             if off_m.abs() < 1e-10 {
-                break;
+                return Some(state);
             }
             rear_s_m -= off_m / (1.0 - road.curvature(rear_s_m) * center_m);
         }
-        let leader = self.leader(rear_s_m, leader_mps);
-        State { ego, leader }
+        None
     }
 
     /// One step of the plant, everything at its bound: `side` is where slip and curvature err to.
@@ -168,9 +169,7 @@ impl Place<'_> {
         }
     }
 
-    fn check(&self, state: &State, rows: [&mut Rows; 2], seen: &mut Seen) {
-        let [now, next] = rows;
-        self.rows(state, now);
+    fn check(&self, state: &State, now: &Rows, next: &mut Rows, seen: &mut Seen) {
         if lowest(now) < 0.0 || now.h_lateral_m < 0.0 {
             return;
         }
@@ -216,8 +215,9 @@ impl Place<'_> {
                     }
                     for leader_mps in [0.0, 0.05, 7.0, 15.0] {
                         for h_m in [0.0, 0.03, 1.0] {
-                            let state = self.behind(ego, leader_mps, h_m + 1e-9, now);
-                            self.check(&state, [&mut *now, &mut *next], seen);
+                            if let Some(state) = self.behind(ego, leader_mps, h_m + 1e-9, now) {
+                                self.check(&state, now, next, seen);
+                            }
                         }
                     }
                 }
@@ -230,6 +230,10 @@ const PSI_RAD: [f64; 13] = [
     -0.3, -0.12, -0.06, -0.03, -0.01, -0.002, 0.0, 0.002, 0.01, 0.03, 0.06, 0.12, 0.3,
 ];
 const D_M: [f64; 9] = [-0.8, -0.7, -0.5, -0.2, 0.0, 0.2, 0.5, 0.7, 0.8];
+
+fn front_m(rows: &Rows) -> f64 {
+    rows.hard[0].h
+}
 
 /// Smallest h of the rows that bound the acceleration.
 fn lowest(rows: &Rows) -> f64 {
