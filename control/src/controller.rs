@@ -113,6 +113,9 @@ impl Controller {
     ///
     /// While a lane change runs, its own action stands for going on and keeping lane for going back.
     pub fn verdict(&self, situation: &Situation<'_>, action: Action) -> ActionVerdict {
+        if !is_usable(situation) && action != Action::EmergencyStop {
+            return ActionVerdict::Unsafe(BarrierKind::Manoeuvre);
+        }
         let manoeuvre = self.manoeuvre();
         let mut judge = Judge {
             situation,
@@ -156,7 +159,8 @@ impl Controller {
 
     /// As [`Controller::control`], for any nominal input instead of the reference.
     pub fn filter(&mut self, situation: &Situation<'_>, u_nominal: ControlInput) -> ControlOutput {
-        if !is_usable(situation) {
+        let is_finite = u_nominal.tan_delta.is_finite() && u_nominal.accel_mps2.is_finite();
+        if !is_finite || !is_usable(situation) {
             return self.blind_backup(situation);
         }
         let situation = &settled(situation);
@@ -354,8 +358,11 @@ fn own_rows<'a>(
 }
 
 fn is_usable(situation: &Situation<'_>) -> bool {
+    let size = &situation.ego.dimensions;
     situation.ego.is_finite()
         && situation.ego.state.speed_mps >= 0.0
+        && size.length_m.min(size.width_m).min(size.wheelbase_m) > 0.0
+        && size.rear_overhang_m >= 0.0
         && situation.time_s.is_finite()
         && situation.desired_speed_mps.is_finite()
         && situation.sight.is_usable()

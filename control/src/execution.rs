@@ -153,7 +153,7 @@ const PARALLEL_RAD: f64 = 0.03;
 
 /// The lanes of a change that runs. Once the body can stay within the lane that it enters it has
 /// to, and the other counts no more.
-fn running(
+pub fn running(
     situation: &Situation<'_>,
     from: LaneIndex,
     to: LaneIndex,

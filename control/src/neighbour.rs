@@ -120,7 +120,7 @@ impl Neighbour {
             action: track.action.filter(|_| intends),
             announced_s: track.announced_s.filter(|_| intends),
         };
-        neighbour.is_finite().then_some(neighbour)
+        (now_s.is_finite() && neighbour.is_finite()).then_some(neighbour)
     }
 
     pub(crate) fn center_s_m(&self) -> f64 {

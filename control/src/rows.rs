@@ -176,7 +176,10 @@ pub fn longitudinal(
         }
     }
     let ego = &situation.ego;
-    let noise_m = safety.noise_position_m * situation.profile.longest_metre();
+    // Side slip may turn the way along the road.
+    let slip_m =
+        ego.state.speed_mps * STEP_S * safety.noise_slip_rad * ego.frenet.psi_rad.sin().abs();
+    let noise_m = (safety.noise_position_m + slip_m) * situation.profile.longest_metre();
     let next_s_m = next.s_m + noise_m;
     let (s_m, speed_mps) = (ego.frenet.s_m, ego.state.speed_mps);
     visit(&CurveSpeed::new(

@@ -95,6 +95,7 @@ impl EgoState {
             self.frenet.s_m,
             self.frenet.d_m,
             self.frenet.psi_rad,
+            self.frenet.curvature_per_m,
             self.dimensions.length_m,
             self.dimensions.width_m,
             self.dimensions.wheelbase_m,

@@ -35,7 +35,7 @@ pub fn backup(
     last_tan_delta: f64,
     safety: &SafetySettings,
 ) -> ControlInput {
-    let known = speed_mps.is_finite() && speed_mps >= 0.0 && wheelbase_m.is_finite();
+    let known = speed_mps.is_finite() && speed_mps >= 0.0 && wheelbase_m > 0.0;
     let held = if last_tan_delta.is_finite() {
         last_tan_delta
     } else {
@@ -97,6 +97,8 @@ mod tests {
             (f64::INFINITY, 2.5),
             (-1.0, 2.5),
             (9.0, f64::NAN),
+            (9.0, -2.5),
+            (9.0, 0.0),
         ] {
             let u = backup(speed_mps, wheelbase_m, 0.9, &safety);
             assert!((u.accel_mps2 + 8.0).abs() < 1e-12 && (u.tan_delta - 0.6).abs() < 1e-12);

@@ -4,6 +4,7 @@ use crate::barriers::front::{Ahead, Front};
 use crate::barriers::rear::Rear;
 use crate::barriers::sight::Sight;
 use crate::barriers::{Barrier, Input, ROUNDING_M, Row};
+use crate::execution::running;
 use crate::manoeuvre::{Course, lane_of};
 use crate::memory::Memory;
 use crate::rows::{Rows, ahead_in};
@@ -105,7 +106,8 @@ impl Judge<'_> {
 
     /// A change that runs goes on while no collision level is broken and there is an input.
     fn against_going_on(&mut self, from: LaneIndex, to: LaneIndex) -> Option<BarrierKind> {
-        let rows = self.collect(&Course::change(from, to));
+        let course = running(self.situation, from, to, self.safety);
+        let rows = self.collect(&course);
         rows.rear.clear();
         broken(&rows.hard, |row| row.h0_m).or_else(|| infeasible(rows))
     }

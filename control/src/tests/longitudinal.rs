@@ -28,7 +28,7 @@ fn campaign(road: &Road, safety: SafetySettings, noisy: bool, seed: u64) -> Foun
         safety,
         ..ControlSettings::default()
     };
-    for _ in 0..60 {
+    for _ in 0..30 {
         let speed = dice.uniform(0.0, 14.0);
         let mut drive = Drive::with(settings, road.clone(), 1, 30.0, speed);
         let leader_speed = dice.uniform(0.0, 14.0);

@@ -230,3 +230,25 @@ fn a_follower_is_given_way_only_while_the_front_allows() {
     let output = drive.control();
     assert!((output.u.accel_mps2 + 8.0).abs() < 1e-9, "{output:?}");
 }
+
+#[test]
+fn who_has_left_a_lane_does_not_stop_for_what_stands_in_it() {
+    let mut drive = Drive::new(straight(), 0, 100.0, 10.0);
+    drive.others = vec![Other::new(9, 170.0, 3.5, 0.0)];
+    drive.controller.set_action(Action::ChangeRight, 0.0);
+    let mut passed = false;
+    for _ in 0..1200 {
+        let output = drive.control();
+        drive.apply(output.u);
+        let center_m = drive.ego().frenet.s_m + 1.35;
+        if (150.0..190.0).contains(&center_m) && drive.ego().frenet.d_m < 0.5 {
+            assert_eq!(drive.verdict(Action::ChangeRight), ActionVerdict::Safe);
+            passed = true;
+        }
+    }
+    assert!(
+        passed && drive.ego().frenet.s_m > 190.0,
+        "{:?}",
+        drive.ego()
+    );
+}

@@ -1,8 +1,20 @@
 //! The controller in closed loop with the plant.
 
+mod announcements;
+mod barriers;
+mod edges;
+mod equality;
+mod formulations;
+mod grid;
 mod lateral;
 mod longitudinal;
 mod manoeuvres;
+mod modes;
+mod numbers;
+mod oracle;
+mod own_barriers;
+mod running;
+mod sampling;
 
 use covista_world::{
     Action, BicycleState, ControlInput, LaneIndex, ObjectClass, ObjectState, Road, RoadSegment,
@@ -15,8 +27,8 @@ use crate::manoeuvre::Course;
 use crate::memory::Memory;
 use crate::rows::Rows;
 use crate::{
-    ControlOutput, ControlSettings, Controller, EgoState, Neighbour, RoadProfile, SafetySettings,
-    SightLine, Situation,
+    ControlOutput, ControlSettings, Controller, EgoState, Formulation, Mode, Neighbour,
+    RoadProfile, SafetySettings, SightLine, Situation,
 };
 
 pub const SEDAN: VehicleDimensions = VehicleDimensions {
@@ -75,12 +87,35 @@ pub fn corner() -> Road {
     Road::new(Se2Pose::new(10.0, 5.0, 0.4), &segments, 3.5).expect("a road")
 }
 
+/// An input by its two components.
+pub fn input(tan_delta: f64, accel_mps2: f64) -> ControlInput {
+    ControlInput {
+        tan_delta,
+        accel_mps2,
+    }
+}
+
+/// The default settings in another mode.
+pub fn in_mode(mode: Mode) -> ControlSettings {
+    ControlSettings {
+        mode,
+        ..ControlSettings::default()
+    }
+}
+
+/// The default settings with another formulation of the QP.
+pub fn formulated(formulation: Formulation) -> ControlSettings {
+    let mut settings = ControlSettings::default();
+    settings.qp.formulation = formulation;
+    settings
+}
+
 pub fn lane(index: u8) -> LaneIndex {
     LaneIndex::new(index).expect("a lane")
 }
 
 /// A vehicle in the simulation, driven by somebody else.
-#[derive(Clone, Copy)]
+#[derive(Debug, Clone, Copy)]
 pub struct Other {
     pub id: u32,
     pub station: Option<StationId>,
@@ -90,6 +125,8 @@ pub struct Other {
     pub speed_mps: f64,
     pub action: Option<Action>,
     pub announced_s: Option<f64>,
+    /// When it was heard last, where that is not now; sensors see it in any case.
+    pub heard_s: Option<f64>,
 }
 
 impl Other {
@@ -102,6 +139,17 @@ impl Other {
             speed_mps,
             action: None,
             announced_s: None,
+            heard_s: None,
+        }
+    }
+
+    /// A CAV that announces `action` since `announced_s`.
+    pub fn cav(self, station: u32, action: Action, announced_s: f64) -> Self {
+        Self {
+            station: Some(StationId(station)),
+            action: Some(action),
+            announced_s: action.is_lane_change().then_some(announced_s),
+            ..self
         }
     }
 
@@ -131,16 +179,23 @@ impl Other {
             lane: road.lane_at(self.d_m),
             action: self.action,
             announced_s: self.announced_s,
-            sightings: vec![Sighting {
-                station,
-                measured_s: time_s,
-            }],
+            sightings: vec![
+                Sighting {
+                    station,
+                    measured_s: self.heard_s.unwrap_or(time_s),
+                },
+                Sighting {
+                    station: STATION,
+                    measured_s: time_s,
+                },
+            ],
         }
     }
 }
 
 /// The ego vehicle with its controller on a road.
 pub struct Drive {
+    pub station: StationId,
     pub road: Arc<Road>,
     pub profile: RoadProfile,
     pub controller: Controller,
@@ -170,6 +225,7 @@ impl Drive {
         let d_m = road.lane_center_m(lane(in_lane));
         let center = road.pose_from_frenet(s_m, d_m, 0.0);
         Self {
+            station: STATION,
             controller: Controller::new(settings, lane(in_lane)).expect("valid settings"),
             state: BicycleState {
                 pose: SEDAN.axle_pose(center),
@@ -202,7 +258,7 @@ impl Drive {
             .collect();
         let situation = Situation {
             profile: &self.profile,
-            ego: EgoState::new(STATION, self.state, SEDAN, &self.road),
+            ego: EgoState::new(self.station, self.state, SEDAN, &self.road),
             neighbours: &neighbours,
             sight: &SightLine::new([self.clear_s_m; 3], self.time_s),
             time_s: self.time_s,
@@ -215,6 +271,21 @@ impl Drive {
         self.with_situation(|controller, situation| controller.control(situation))
     }
 
+    pub fn filter(&mut self, u_nominal: ControlInput) -> ControlOutput {
+        self.with_situation(|controller, situation| controller.filter(situation, u_nominal))
+    }
+
+    /// Drives `seconds` with the controller's own reference; the others keep their speed.
+    pub fn run(&mut self, seconds: f64) {
+        for _ in 0..(seconds / STEP_S).round() as usize {
+            let output = self.control();
+            self.apply(output.u);
+            for other in &mut self.others {
+                other.step(0.0);
+            }
+        }
+    }
+
     pub fn verdict(&mut self, action: Action) -> covista_world::ActionVerdict {
         self.with_situation(|controller, situation| controller.verdict(situation, action))
     }
@@ -225,7 +296,7 @@ impl Drive {
     }
 
     pub fn ego(&self) -> EgoState {
-        EgoState::new(STATION, self.state, SEDAN, &self.road)
+        EgoState::new(self.station, self.state, SEDAN, &self.road)
     }
 
     pub fn lateral_accel_mps2(&self, u: ControlInput) -> f64 {
