@@ -344,8 +344,13 @@ impl Barrier for Steering<'_> {
         self.h_at_m(u.tan_delta, self.lateral.next_mps(u.accel_mps2))
     }
 
+    /// The rear corner may use its room up at once: the steering moves it directly, and a decay
+    /// would keep the front from being steered back.
     fn target(&self) -> f64 {
-        target(self.h(), self.lateral.safety.eta)
+        match self.part {
+            Part::Front => target(self.h(), self.lateral.safety.eta),
+            Part::Rear => self.h().min(0.0),
+        }
     }
 
     fn row(&self) -> Row {
