@@ -40,6 +40,10 @@ struct Known {
     excuse: Option<Excuse>,
 }
 
+/// A level is surely broken when it is by more than what the bounds on the road's rates and on the
+/// body's reach take from h.
+const SURELY_M: f64 = 0.5;
+
 impl Memory {
     /// Why h towards `neighbour` is negative, if it is: as before while it lasts. A vehicle that
     /// was not known before is excused where no member of its estimate is outside the set; one that
@@ -54,12 +58,13 @@ impl Memory {
         let before = self.find(neighbour.id);
         match before.and_then(|known| known.excuse) {
             None | Some(Excuse::Revised) => {}
-            // It stays in the lane after all: what is missing is won back gently.
-            Some(Excuse::Leaving) => return Some(Excuse::Revealed),
+            // It stays in the lane after all: what is surely missing is won back gently.
+            Some(Excuse::Leaving) if front.best_h_m() < -SURELY_M => return Some(Excuse::Revealed),
+            Some(Excuse::Leaving) => return Some(Excuse::Revised),
             lasting => return lasting,
         }
         let excuse = match before {
-            None if front.best_h_m() < 0.0 => Excuse::Revealed,
+            None if front.best_h_m() < -SURELY_M => Excuse::Revealed,
             Some(known) if !known.lanes.contains(front.lane()) && front.measured_h_m() < 0.0 => {
                 Excuse::CutIn
             }

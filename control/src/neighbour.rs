@@ -30,9 +30,11 @@ pub struct Neighbour {
     pub worst_s_rear_m: f64,
     /// Its speed then.
     pub worst_slow_mps: f64,
-    /// Road s of its rear bumper if it accelerated with a_b ever since it was measured, and the
-    /// error flatters it.
+    /// Road s of its rear bumper if it accelerated as the ego vehicle can ever since it was
+    /// measured.
     pub best_s_rear_m: f64,
+    /// Its speed then.
+    pub best_fast_mps: f64,
     /// Road s of its front bumper if it accelerated with a_b ever since it was measured.
     pub worst_s_front_m: f64,
     /// Its speed then.
@@ -92,8 +94,11 @@ impl Neighbour {
         let fast_mps = speed_mps + speed_error_mps;
         let driven_m = fast_mps * age_s + 0.5 * settings.follower_accel_mps2 * age_s.powi(2);
 
+        let farthest_m = fast_mps * age_s + 0.5 * settings.accel_max_mps2 * age_s.powi(2);
         let reach_m = 2.0 * driven_m + position_error_m;
         let metres = MetresOfRoad::around(road, [rear_m - reach_m, front_m + reach_m], center);
+        // Meanwhile it may have turned: then a corner reaches as far as half the diagonal.
+        let behind_m = if age_s > 0.0 { half.norm() } else { 0.0 };
         let heard_s = track.station.and_then(|station| track.seen_by(station));
         let intends =
             heard_s.is_some_and(|heard_s| now_s - heard_s <= settings.announcement_s + 1e-9);
@@ -101,20 +106,28 @@ impl Neighbour {
         let neighbour = Self {
             id: track.id,
             station: track.station,
-            lanes: lanes_of(track, road, d_right_m, d_left_m, settings.lane_entry_m),
+            // It may have stopped anywhere on the way between where it was and where it would be.
+            lanes: lanes_of(
+                track,
+                road,
+                right_m.min(d_right_m),
+                left_m.max(d_left_m),
+                settings.lane_entry_m,
+            ),
             s_rear_m: rear_m + driven_so_far_m * metres.mean,
             s_front_m: front_m + driven_so_far_m * metres.mean,
             d_right_m,
             d_left_m,
             speed_mps,
             length_m: state.length_m,
-            worst_s_rear_m: center.s_m - (center.s_m - rear_m) * metres.most_by_here
+            worst_s_rear_m: center.s_m - behind_m.max(center.s_m - rear_m) * metres.most_by_here
                 + braked_m * metres.least
                 - position_error_m * metres.most,
             worst_slow_mps: (slow_mps - settings.leader_brake_mps2 * age_s).max(0.0),
-            best_s_rear_m: rear_m + (driven_m + position_error_m) * metres.most,
+            best_s_rear_m: rear_m + (farthest_m + position_error_m) * metres.most,
+            best_fast_mps: fast_mps + settings.accel_max_mps2 * age_s,
             worst_s_front_m: center.s_m
-                + (front_m - center.s_m) * metres.most_by_here
+                + behind_m.max(front_m - center.s_m) * metres.most_by_here
                 + (driven_m + position_error_m) * metres.most,
             worst_fast_mps: fast_mps + settings.follower_accel_mps2 * age_s,
             action: track.action.filter(|_| intends),
@@ -153,6 +166,7 @@ impl Neighbour {
             self.worst_s_rear_m,
             self.worst_slow_mps,
             self.best_s_rear_m,
+            self.best_fast_mps,
             self.worst_s_front_m,
             self.worst_fast_mps,
             self.announced_s.unwrap_or(0.0),

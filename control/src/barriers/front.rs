@@ -243,7 +243,7 @@ impl<'a> Front<'a> {
 
     /// h of the most favourable member of what the leader may be.
     pub fn best_h_m(&self) -> f64 {
-        let best = (self.ahead).gap(self.leader.best_s_rear_m, self.leader.worst_fast_mps);
+        let best = (self.ahead).gap(self.leader.best_s_rear_m, self.leader.best_fast_mps);
         best.h_m(&self.closing, self.keep_m)
     }
 
@@ -326,4 +326,5 @@ pub fn recovery_accel_mps2(
     measured
         .accel_max_mps2(closing, safety, keep_m, wanted, measured.leader_mps)
         .clamp(-safety.gentle_brake_mps2, 0.0)
+        .max(-measured.speed_mps / STEP_S)
 }

@@ -232,12 +232,12 @@ impl Other {
     }
 }
 
+/// A slower vehicle slides sideways rather than swing its rear about at once.
+const SLOW_MPS: f64 = 3.0;
+
 /// Heading relative to the road.
 pub(super) fn heading_rad(motion: &Motion) -> f64 {
-    if motion.speed_mps < 0.5 {
-        return 0.0;
-    }
-    motion.sideways_mps.atan2(motion.speed_mps).clamp(-0.5, 0.5)
+    motion.sideways_mps.atan2(motion.speed_mps.max(SLOW_MPS))
 }
 
 /// A car or a truck, drawn at random.

@@ -232,7 +232,9 @@ impl<'a> Watch<'a> {
                 !pair.won_back
             };
             if excusable && doubtful && !self.excuses_nothing {
-                let collides = levels.h0_m < -TOLERANCE_M;
+                // What its newest measurement does not tell yet can't be heeded.
+                let untold = seen.measured.is_none_or(|measured| measured < judged.step);
+                let collides = levels.h0_m < -TOLERANCE_M || judged.step > 0 && untold;
                 pair.excuse = Some(Excuse::AtOnce { collides });
                 self.tally.excused += 1;
             }
@@ -246,27 +248,6 @@ impl<'a> Watch<'a> {
             pair.excuse = self.late_excuse(judged, seen, pair, levels, changing);
             if pair.excuse.is_none() {
                 pair.violates = true;
-                {
-                    eprintln!(
-                        "VIOL step {} h {:.6} set {:.5} h0 {:.3} hw {:.3} v {:.3} vk {:.3} out {:?} man {:?} id {:?} s {:.2} d {:.2} rear {:.2} u {:?} ctl h {:.4} binding {:?}",
-                        judged.step,
-                        levels.h_m,
-                        levels.set_h_m,
-                        levels.h0_m,
-                        levels.headway_m,
-                        judged.ego.speed_mps,
-                        seen.speed_mps,
-                        judged.output.outcome,
-                        judged.manoeuvre,
-                        seen.truth.id,
-                        judged.ego.frenet.s_m,
-                        judged.ego.frenet.d_m,
-                        seen.truth.s_range_m[0],
-                        judged.output.u,
-                        judged.output.h_m,
-                        judged.output.binding
-                    );
-                }
                 self.tally.violations += 1;
             }
         }
@@ -290,27 +271,6 @@ impl<'a> Watch<'a> {
         if !changing && (before.in_set || in_set) {
             tally.smallest_set_h_m = tally.smallest_set_h_m.min(levels.set_h_m);
             tally.set_violations += u64::from(!in_set);
-            if !in_set {
-                eprintln!(
-                    "SET step {} h {:.6} set {:.5} h0 {:.3} hw {:.3} v {:.3} vk {:.3} out {:?} man {:?} id {:?} s {:.2} d {:.2} rear {:.2} u {:?} ctl h {:.4} binding {:?}",
-                    judged.step,
-                    levels.h_m,
-                    levels.set_h_m,
-                    levels.h0_m,
-                    levels.headway_m,
-                    judged.ego.speed_mps,
-                    seen.speed_mps,
-                    judged.output.outcome,
-                    judged.manoeuvre,
-                    seen.truth.id,
-                    judged.ego.frenet.s_m,
-                    judged.ego.frenet.d_m,
-                    seen.truth.s_range_m[0],
-                    judged.output.u,
-                    judged.output.h_m,
-                    judged.output.binding
-                );
-            }
         }
         pair.in_set = in_set;
         tally.smallest_h_m = tally.smallest_h_m.min(levels.h_m);
@@ -425,27 +385,6 @@ impl<'a> Watch<'a> {
         tally.bad_inputs += u64::from(!within);
         tally.lateral_accel_steps +=
             u64::from(lateral_mps2 > settings.lateral_accel_max_mps2 + 1e-6);
-        if std::env::var("TRACE").as_deref() == Ok("2") {
-            eprintln!(
-                "STEP v {:.6} s {:.4} d {:.5} psi {:.6} hl {:.7} u {:.5} {:.3} {:?} {:?} h {:.4}",
-                ego.speed_mps,
-                ego.frenet.s_m,
-                ego.frenet.d_m,
-                ego.frenet.psi_rad,
-                output.h_lateral_m,
-                output.u.tan_delta,
-                output.u.accel_mps2,
-                output.outcome,
-                output.binding,
-                output.h_m
-            );
-        }
-        if failed && !changing && !excused {
-            eprintln!(
-                "INF v {} {:?} s {} d {} psi {}",
-                ego.speed_mps, output, ego.frenet.s_m, ego.frenet.d_m, ego.frenet.psi_rad
-            );
-        }
         if failed && !changing {
             tally.infeasible += u64::from(!excused);
             tally.infeasible_excused += u64::from(excused);
@@ -471,12 +410,6 @@ impl<'a> Watch<'a> {
             ego.speed_mps.powi(2) * (sharpest + settings.counter_curvature_min_per_m);
         let tally = &mut self.tally;
         tally.largest_lane_excess_m = tally.largest_lane_excess_m.max(excess_m);
-        if excess_m > TOLERANCE_M {
-            eprintln!(
-                "EXC {excess_m} {manoeuvre:?} v {} d {} psi {}",
-                ego.speed_mps, ego.frenet.d_m, ego.frenet.psi_rad
-            );
-        }
         tally.lane_excess_steps += u64::from(excess_m > TOLERANCE_M);
         tally.curve_speed_steps +=
             u64::from(lateral_mps2 > settings.lateral_accel_max_mps2 * (1.0 + 1e-6));

@@ -1,11 +1,7 @@
 use covista_control::{Manoeuvre, SafetySettings};
 use covista_traffic::VehicleKind;
 
-use super::{
-    Cause, MEMORY_S, TOLERANCE_M,
-    barriers::Ahead,
-    motion::{Last, STUCK_MPS},
-};
+use super::{Cause, MEMORY_S, TOLERANCE_M, barriers::Ahead, motion::Last};
 use crate::truth::{Lanes, TrueVehicle};
 
 /// When one vehicle has had another in sight.
@@ -68,6 +64,8 @@ pub(super) struct Meeting<'a> {
     pub own_lanes_before: Lanes,
     /// Whether the CAV has a track of the other.
     pub known: bool,
+    /// Whether the other stands, in truth or as the CAV knows it.
+    pub stands: bool,
     /// Whether the CAV's own free sight broke off.
     pub sight_broke_off: bool,
     /// Whether it reaches past the other, over a vehicle that hides it.
@@ -88,11 +86,6 @@ impl Pair {
     /// Whether the other is now ahead in a lane of the CAV and was not before.
     pub fn comes_in(&self, ahead: Option<&Ahead>) -> bool {
         ahead.is_some() && !self.was_ahead
-    }
-
-    /// Whether h, less the promise's allowance, has been negative since an excuse.
-    pub fn is_excused(&self) -> bool {
-        self.excuse.is_some()
     }
 
     /// Takes in one step; the cause of a violation that begins with it.
@@ -172,6 +165,9 @@ fn is_inside(ahead: &Ahead) -> bool {
     ahead.h0_m >= -TOLERANCE_M
 }
 
+/// What the speed noise of some steps may add.
+const NEARLY_MPS: f64 = 0.1;
+
 /// Whether the CAV is slow and about to leave its lane round a standing vehicle.
 fn leaves(meeting: &Meeting<'_>, ahead: &Ahead) -> bool {
     let from = match meeting.manoeuvre {
@@ -179,7 +175,7 @@ fn leaves(meeting: &Meeting<'_>, ahead: &Ahead) -> bool {
         _ => None,
     };
     from.is_some_and(|from| meeting.shared.contains(from))
-        && meeting.ego.speed_mps < meeting.settings.leaving_speed_mps
-        && meeting.other.speed_mps < STUCK_MPS
+        && meeting.ego.speed_mps <= meeting.settings.leaving_speed_mps + NEARLY_MPS
+        && meeting.stands
         && is_inside(ahead)
 }

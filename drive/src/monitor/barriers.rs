@@ -102,11 +102,16 @@ impl<'a> Gaps<'a> {
         let front_m = self.ego.s_range_m[1];
         let turned_rad = self.road.turn_rad(front_m, clear_s_m);
         let free_m = clear_s_m - front_m - self.road.lane_center_m(lane) * turned_rad;
-        let budget_m = free_m - self.settings.headway_safe_m + self.ego.dimensions.length_m;
+        let half_lengths_m =
+            0.5 * (self.ego.dimensions.length_m + self.settings.shortest_vehicle_m);
+        let budget_m = free_m - self.settings.headway_safe_m + half_lengths_m;
         let v = self.ego.speed_mps;
         Sight {
             h_m: budget_m - self.plain.distance_m(v, 0.0),
-            h_promised_m: budget_m - self.turning_reach_m() - self.promised.distance_m(v, 0.0),
+            h_promised_m: budget_m
+                - self.settings.sight_error_m
+                - self.turning_reach_m()
+                - self.promised.distance_m(v, 0.0),
         }
     }
 

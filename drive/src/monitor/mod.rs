@@ -30,7 +30,7 @@ pub use barriers::TrueBarriers;
 use cav_state::CavState;
 pub use distributions::{Distributions, Histogram};
 use knowledge::{ErrorBound, Knowledge, Other};
-use motion::Motion;
+use motion::{Motion, STUCK_MPS};
 
 /// h below this counts as violated: round-off.
 const TOLERANCE_M: f64 = 1e-6;
@@ -215,11 +215,7 @@ impl Monitor {
             settings: gaps.settings,
         };
         let track = knowledge.track_of(other);
-        let mut error = ErrorBound::new(track, gaps.settings);
-        let before = self.pairs.get(&(ego.id, other.id));
-        if before.is_some_and(Pair::is_excused) {
-            error = error.aged(track, time_s, gaps.settings);
-        }
+        let error = ErrorBound::new(track, gaps.settings).aged(track, time_s, gaps.settings);
         let ahead = gaps.ahead(other, shared, error);
         let from_other = self.pairs.get(&(other.id, ego.id));
         let unknowing_other = from_other.and_then(|pair| pair.broken_lately(time_s));
@@ -253,6 +249,8 @@ impl Monitor {
                 shared,
                 own_lanes_before: lanes_before,
                 known: track.is_some(),
+                stands: other.speed_mps < STUCK_MPS
+                    || track.is_some_and(|track| track.state.velocity_mps.norm() < STUCK_MPS),
                 sight_broke_off: cav.sight_broke_off(shared),
                 sight_reaches_past: cav.sight_reaches_past(other, shared),
                 leader_braking: (self.vehicles.get(&other.id))
