@@ -4,15 +4,18 @@ mod announcements;
 mod barriers;
 mod edges;
 mod equality;
+mod filter;
 mod formulations;
 mod grid;
 mod lateral;
 mod longitudinal;
 mod manoeuvres;
+mod memory;
 mod modes;
 mod numbers;
 mod oracle;
 mod own_barriers;
+mod rows;
 mod running;
 mod sampling;
 
