@@ -1,5 +1,6 @@
 //! `covista bench`: how fast the stages are on this machine.
 
+mod control;
 mod perception;
 mod sensors;
 
@@ -10,5 +11,6 @@ pub fn run(args: &BenchArgs) -> anyhow::Result<()> {
     match &args.what {
         BenchWhat::Sensors(args) => sensors::run(args),
         BenchWhat::Perception(args) => perception::run(args),
+        BenchWhat::Control(args) => control::run(args),
     }
 }

@@ -1,4 +1,7 @@
-use std::{num::NonZeroUsize, path::PathBuf};
+use std::{
+    num::{NonZeroU64, NonZeroUsize},
+    path::PathBuf,
+};
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use covista_perception::{Provider, ProviderChoice};
@@ -324,6 +327,21 @@ pub enum BenchWhat {
     Sensors(SensorBenchArgs),
     /// The networks, alone and end to end, against their accuracy
     Perception(PerceptionBenchArgs),
+    /// The safety filter: an adversarial campaign on the truth, and the time of one step
+    Control(ControlBenchArgs),
+}
+
+#[derive(Debug, Args)]
+pub struct ControlBenchArgs {
+    /// Controlled steps of the campaign; the other parts are shorter in proportion
+    #[arg(long, value_name = "N", default_value = "10000000")]
+    pub steps: NonZeroU64,
+    /// Seed of everything random
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// Write the rows as JSON
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]

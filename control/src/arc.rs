@@ -1,13 +1,6 @@
-use covista_world::{LaneIndex, Road};
+use covista_world::Road;
 
 use crate::profile::half_width_m;
-
-/// Arc length of the centre line of `lane` from road s `from_m` to `to_m`, signed.
-///
-/// A parallel of the reference line at offset d is shorter by d times the angle turned.
-pub(crate) fn lane_arc_m(road: &Road, lane: LaneIndex, from_m: f64, to_m: f64) -> f64 {
-    (to_m - from_m) - road.lane_center_m(lane) * road.turn_rad(from_m, to_m)
-}
 
 /// Bounds c_min and c_max on the lane metres per metre driven, for a vehicle that is at most
 /// `off_center_m` from the centre of the lane in which the gap is measured.

@@ -200,6 +200,13 @@ impl Program {
         bounds: Bounds,
         slack_price: f64,
     ) -> Option<Solution> {
+        let coupled = |row: &Inequality| row.coefficients.iter().all(|c| c.abs() > 0.0);
+        // With intervals alone the projection goes by way of U; far outside the solver stalls.
+        let reference = if inequalities.iter().any(coupled) {
+            reference
+        } else {
+            clamped(reference, bounds)
+        };
         let wanted = [reference.tan_delta, reference.accel_mps2];
         let numbers = inequalities
             .iter()
@@ -212,7 +219,44 @@ impl Program {
         self.solver.update_A(&self.entries).ok()?;
         self.solver.update_b(&self.limits).ok()?;
         self.solver.solve();
-        self.answer(self.solver.solution.status, &self.solver.solution.x)
+        let solution = self.answer(self.solver.solution.status, &self.solver.solution.x)?;
+        Some(self.polished(solution, reference, inequalities))
+    }
+
+    /// An interior point stops a root of its tolerance from where a limit and the reference nearly
+    /// coincide. Where only intervals bind, each component is at its active limit (dual above
+    /// slack) or at the reference itself.
+    fn polished(
+        &self,
+        solution: Solution,
+        reference: ControlInput,
+        inequalities: &[Inequality],
+    ) -> Solution {
+        let (slacks, duals) = (&self.solver.solution.s, &self.solver.solution.z);
+        let is_active = |row: usize| duals[row] > slacks[row];
+        let rows = BOX_ROWS + inequalities.len();
+        let couples = |row: usize| {
+            self.entries[row].abs() > 0.0 && self.entries[self.capacity + row].abs() > 0.0
+        };
+        if self.relaxed || (0..rows).any(|row| couples(row) && is_active(row)) {
+            return solution;
+        }
+        let wanted = [reference.tan_delta, reference.accel_mps2];
+        let [tan_delta, accel_mps2] = [0, 1].map(|k| {
+            let entry = |row: usize| self.entries[k * self.capacity + row];
+            (0..rows)
+                .filter(|&row| entry(row).abs() > 0.0 && !couples(row) && is_active(row))
+                .map(|row| self.limits[row] / entry(row) * self.scale[k])
+                .next()
+                .unwrap_or(wanted[k])
+        });
+        Solution {
+            u: ControlInput {
+                tan_delta,
+                accel_mps2,
+            },
+            ..solution
+        }
     }
 
     fn fill(
@@ -321,6 +365,15 @@ impl Program {
             },
             slack: if slack > RESIDUAL { slack } else { 0.0 },
         }
+    }
+}
+
+/// As [`Bounds::clamp`], but a NaN stays one.
+fn clamped(u: ControlInput, bounds: Bounds) -> ControlInput {
+    if u.tan_delta.is_finite() && u.accel_mps2.is_finite() {
+        bounds.clamp(u)
+    } else {
+        u
     }
 }
 

@@ -97,11 +97,21 @@ impl Rows {
         let (_, upper) = self.interval(Input::Accel);
         let hardest = self.bounds.accel_min_mps2;
         let fastest = upper.clamp(hardest, self.bounds.accel_max_mps2);
-        let speed_row = lateral.speed_row(hardest, fastest);
-        let accel = speed_row.map_or(fastest, |row| row.upper);
-        self.hard.extend(speed_row);
+        let start = self.hard.len();
         self.hard
-            .extend(lateral.barriers(accel).map(|barrier| barrier.row()));
+            .extend(lateral.barriers(fastest).map(|barrier| barrier.row()));
+        let has_none = |row: &Row| row.lower == f64::INFINITY || row.upper == f64::NEG_INFINITY;
+        if self.hard[start..].iter().any(has_none)
+            && let Some(speed_row) = lateral.speed_row(hardest, fastest)
+        {
+            self.hard.truncate(start);
+            self.hard.push(speed_row);
+            self.hard.extend(
+                lateral
+                    .barriers(speed_row.upper)
+                    .map(|barrier| barrier.row()),
+            );
+        }
         self.h_lateral_m = lateral.h_m();
     }
 }

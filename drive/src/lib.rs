@@ -10,6 +10,7 @@
 //! neither rerun nor the command line.
 
 mod bench_frames;
+mod campaign;
 mod cause;
 mod cav;
 mod control_file;
@@ -24,9 +25,13 @@ mod trace;
 mod truth;
 
 pub use bench_frames::{recorded_bench_frames, rendered_frames};
+pub use campaign::{
+    Broken, CampaignError, CampaignSpec, Family, PLANTS, PlantCover, PlantModel, Stage, StepTiming,
+    Tally, cover_plants, run_campaign, time_control,
+};
 pub use cause::Cause;
 pub use control_file::{ControlFileError, load_control_settings};
-pub use covista_control::{ControlSettings, Mode as ControlMode};
+pub use covista_control::{ControlSettings, Mode as ControlMode, Solver};
 pub use covista_sharing::{ChannelSettings, PoseNoise};
 pub use covista_traffic::{Material, Scenario, Traffic, VehicleKind};
 pub use evaluate::{

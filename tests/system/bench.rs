@@ -307,3 +307,84 @@ fn what_python_lacks_is_named() {
         &["No module named torch", "pip install numpy onnx torch"],
     );
 }
+
+/// `covista bench control` with as few steps as its parts take.
+fn control() -> Command {
+    let mut command = covista();
+    command.args(["bench", "control", "--steps", "24000", "--seed", "5"]);
+    command
+}
+
+#[test]
+fn bench_control_has_the_campaign_what_it_breaks_and_the_time_of_a_step() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("control.json");
+    let output = control()
+        .arg("--json")
+        .arg(&file)
+        .output()
+        .expect("covista runs");
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "{said}{output:?}");
+    for part in ["one vehicle-step", "broken on purpose", "dynamic-bicycle"] {
+        assert!(said.contains(part), "no {part:?} in {said}");
+    }
+    let report: Value = serde_json::from_slice(&fs::read(file).expect("the report")).expect("JSON");
+    assert_eq!(report["command"], "bench control");
+    assert_eq!(report["settings"]["seed"], 5);
+    let rows = report["rows"].as_array().expect("rows");
+
+    for solver in ["closed-form", "clarabel"] {
+        let timed: Vec<_> = rows.iter().filter(|row| row["solver"] == solver).collect();
+        assert_eq!(timed.len(), 6, "{solver}");
+        for row in timed {
+            let us = ["clock_us", "median_us", "p99_us"].map(|name| row[name].as_f64());
+            assert!(us.is_sorted() && us[1].is_some_and(|us| us > 0.0), "{row}");
+        }
+    }
+
+    let campaign = |broken: bool| {
+        let of = move |row: &&Value| row["broken_on_purpose"] == broken;
+        rows.iter().filter(of).collect::<Vec<_>>()
+    };
+    let [whole] = campaign(false)[..] else {
+        panic!("one row of the whole campaign");
+    };
+    for field in ["violations", "infeasible", "collisions", "unattributed"] {
+        assert_eq!(whole[field], 0, "{field}: {whole}");
+    }
+    assert_eq!(whole["campaign_steps"], 24_000);
+    assert!(whole["excused"].is_u64() && whole["smallest_h_m"].is_number());
+    assert_eq!(whole["families"].as_array().map(Vec::len), Some(6));
+
+    let broken = campaign(true);
+    assert_eq!(broken.len(), 9);
+    for row in broken {
+        let count = |name: &str| row[name].as_u64().expect("a count");
+        assert!(count("campaign_steps") >= 30_000);
+        if !row["broken"]
+            .as_str()
+            .is_some_and(|of| of.starts_with("follower"))
+        {
+            assert!(count("violations") > 0, "{row}");
+            assert_eq!(row["named"], true, "{row}");
+        }
+    }
+
+    let plants: Vec<_> = rows.iter().filter(|row| row["plant"].is_string()).collect();
+    assert_eq!(plants.len(), 4);
+    assert!(plants.iter().all(|row| row["covered"].is_boolean()));
+}
+
+#[test]
+fn bench_control_says_what_is_wrong_before_the_first_step() {
+    let taken = tempfile::NamedTempFile::new().expect("a file");
+    assert_one_line_error(
+        control().arg("--json").arg(taken.path().join("out")),
+        &["cannot write", "choose another"],
+    );
+    assert_one_line_error(
+        covista().args(["bench", "control", "--steps", "0"]),
+        &["--steps"],
+    );
+}

@@ -387,7 +387,13 @@ impl Road {
     /// Angle in radians by which the reference line turns from `from_m` to `to_m`, positive to the
     /// left; not wrapped.
     pub fn turn_rad(&self, from_m: f64, to_m: f64) -> f64 {
-        self.stretch_at(to_m).turned_rad(to_m) - self.stretch_at(from_m).turned_rad(from_m)
+        self.turned_rad(to_m) - self.turned_rad(from_m)
+    }
+
+    /// Angle in radians by which the reference line has turned from its start to `s_m`; not
+    /// wrapped.
+    pub fn turned_rad(&self, s_m: f64) -> f64 {
+        self.stretch_at(s_m).turned_rad(s_m)
     }
 
     /// The segment at `s_m`, or the nearer of the first and the last.

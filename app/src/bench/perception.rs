@@ -2,8 +2,10 @@
 
 mod contest;
 mod frontier;
+mod member;
 mod peer;
 mod rows;
+mod tables;
 
 use std::{collections::BTreeSet, path::Path};
 
@@ -63,14 +65,14 @@ pub(super) fn run(args: &PerceptionBenchArgs) -> anyhow::Result<()> {
         .collect();
     say(&heading(args, threads, frames.len(), &peers))?;
     for table in [
-        rows::speed_table(&rows),
-        rows::network_table(&rows),
-        rows::file_table(&rows),
+        tables::speed_table(&rows),
+        tables::network_table(&rows),
+        tables::file_table(&rows),
     ] {
         say(&format!("\n{}", table.trim_end()))?;
     }
     if !peers.is_empty() {
-        say(&format!("\n{}", rows::peer_table(&rows).trim_end()))?;
+        say(&format!("\n{}", tables::peer_table(&rows).trim_end()))?;
     }
     if let Some(plot) = &args.plot {
         let is_detector = |id: &str| {

@@ -1,7 +1,7 @@
 use covista_world::{BarrierKind, ControlInput, LaneIndex, Road, STEP_S};
 
 use super::{Barrier, Input, ROUNDING_M, Row, target};
-use crate::arc::{ArcRates, lane_arc_m};
+use crate::arc::ArcRates;
 use crate::memory::Excuse;
 use crate::{Closing, EgoState, Neighbour, SafetySettings};
 
@@ -93,6 +93,9 @@ pub struct Ahead<'a> {
     pub rates: ArcRates,
     /// How far ahead of the rear axle the body's front may be, in metres of the lane.
     reach_m: f64,
+    /// Offset d of the lane's centre, and the angle that the road has turned up to the ego vehicle.
+    center_m: f64,
+    turned_rad: f64,
 }
 
 impl<'a> Ahead<'a> {
@@ -114,6 +117,8 @@ impl<'a> Ahead<'a> {
             leaving,
             rates,
             reach_m: rates.high * ego.front_reach_m(),
+            center_m: road.lane_center_m(lane),
+            turned_rad: road.turned_rad(ego.frenet.s_m),
         }
     }
 
@@ -127,9 +132,16 @@ impl<'a> Ahead<'a> {
         ArcRates::new(self.road, self.road.lane_width_m() / 2.0)
     }
 
+    /// Arc length of the lane's centre line from the rear axle to road s `s_m`, signed: a parallel
+    /// at offset d is shorter by d times the angle turned.
+    pub fn arc_to_m(&self, s_m: f64) -> f64 {
+        let turn_rad = self.road.turned_rad(s_m) - self.turned_rad;
+        (s_m - self.ego.frenet.s_m) - self.center_m * turn_rad
+    }
+
     /// Bumper distance along the lane to road s `s_m`.
     pub fn gap_to_m(&self, s_m: f64) -> f64 {
-        lane_arc_m(self.road, self.lane, self.ego.frenet.s_m, s_m) - self.reach_m
+        self.arc_to_m(s_m) - self.reach_m
     }
 
     /// Bumper distance to the best estimate of `leader`.

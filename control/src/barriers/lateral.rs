@@ -273,10 +273,16 @@ impl<'a> Lateral<'a> {
         (own - path_curvature(sharpest, self.road)).max(self.floor_per_m)
     }
 
-    /// Reach of the rear corner at a heading towards the side.
+    /// Reach of the rear corner at a heading towards the side: it swings out while the heading
+    /// points away, the farthest at tan = rear / half width.
     fn rear_swing_m(&self, psi_rad: f64) -> f64 {
-        let widest = (self.rear_m / self.half_width_m).atan();
-        let (sin, cos) = (-psi_rad).clamp(0.0, widest).sin_cos();
+        if psi_rad >= 0.0 {
+            return self.half_width_m;
+        }
+        let (sin, cos) = (-psi_rad).sin_cos();
+        if sin * self.half_width_m >= cos * self.rear_m {
+            return self.rear_m.hypot(self.half_width_m);
+        }
         self.rear_m * sin + self.half_width_m * cos
     }
 }
@@ -338,8 +344,13 @@ impl Barrier for Steering<'_> {
         self.h_at_m(u.tan_delta, self.lateral.next_mps(u.accel_mps2))
     }
 
+    /// The rear corner may use its room up at once: the steering moves it directly, and a decay
+    /// would keep the front from being steered back.
     fn target(&self) -> f64 {
-        target(self.h(), self.lateral.safety.eta)
+        match self.part {
+            Part::Front => target(self.h(), self.lateral.safety.eta),
+            Part::Rear => self.h().min(0.0),
+        }
     }
 
     fn row(&self) -> Row {

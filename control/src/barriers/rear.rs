@@ -2,7 +2,6 @@ use covista_world::{BarrierKind, ControlInput, STEP_S};
 
 use super::front::Ahead;
 use super::{Barrier, Input, Row, target};
-use crate::arc::lane_arc_m;
 use crate::{Neighbour, SafetySettings};
 
 /// h_bt in the shape of RSS: the follower may accelerate with a_b for its reaction time, then
@@ -31,9 +30,8 @@ impl<'a> Rear<'a> {
     /// `behind`, in the lane of `ahead`, which is the target lane.
     pub fn new(ahead: &Ahead<'_>, behind: &Neighbour, safety: &'a SafetySettings) -> Self {
         let reach_m = ahead.rates.high * ahead.ego.rear_reach_m();
-        let ego_s_m = ahead.ego.frenet.s_m;
         let v = ahead.ego.state.speed_mps;
-        let gap_m = lane_arc_m(ahead.road, ahead.lane, behind.worst_s_front_m, ego_s_m) - reach_m;
+        let gap_m = -ahead.arc_to_m(behind.worst_s_front_m) - reach_m;
         let own_m = ahead.rates.low * v * STEP_S - moving(v) * safety.noise_position_m;
         let mut rear = Self {
             safety,

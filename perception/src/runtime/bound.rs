@@ -93,7 +93,6 @@ impl BoundSession {
     }
 
     /// What the ONNX file says under `key`.
-    #[allow(dead_code)]
     pub(crate) fn metadata(&self, key: &str) -> Option<String> {
         self.session.metadata().ok()?.custom(key)
     }

@@ -2,7 +2,8 @@
 
 use covista_viewer::{FrontierPanel, FrontierPoint, FrontierSeries};
 
-use super::rows::{COVISTA, END_TO_END, Member, Row};
+use super::member::Member;
+use super::rows::{COVISTA, END_TO_END, Row};
 
 /// What the paper's points were measured on.
 pub(super) const PAPER: &str = "the paper (Table: vision network): NVIDIA RTX 2080 Ti, PyTorch, \

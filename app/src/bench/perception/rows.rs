@@ -1,10 +1,10 @@
-//! The figures of `covista bench perception`: its rows and its tables.
+//! The figures of `covista bench perception`.
 
 use covista_perception::{BenchTimes, ModelCard, Sorted};
 use serde::Serialize;
 
 use super::contest::{Contest, Contestant, Turns};
-use crate::table::{aligned, optional};
+use super::member::Member;
 
 pub(super) const NETWORK: &str = "network";
 pub(super) const END_TO_END: &str = "end_to_end";
@@ -19,46 +19,46 @@ pub(super) struct Row {
     pub(super) run_by: &'static str,
     pub(super) provider: &'static str,
     pub(super) precision: &'static str,
-    threads: usize,
+    pub(super) threads: usize,
     pub(super) stage: &'static str,
     /// Frames that count.
-    frames: usize,
+    pub(super) frames: usize,
     pub(super) img_per_s: f64,
     pub(super) median_ms: f64,
-    p95_ms: f64,
-    p99_ms: f64,
+    pub(super) p95_ms: f64,
+    pub(super) p99_ms: f64,
     /// Medians of the stages on the way from end to end.
     #[serde(flatten)]
-    stages: Option<Stages>,
-    gmac: Option<f64>,
-    gmac_per_s: Option<f64>,
-    params: Option<u64>,
-    nonzero_params: Option<u64>,
-    file_bytes: Option<usize>,
-    sha256: Option<String>,
+    pub(super) stages: Option<Stages>,
+    pub(super) gmac: Option<f64>,
+    pub(super) gmac_per_s: Option<f64>,
+    pub(super) params: Option<u64>,
+    pub(super) nonzero_params: Option<u64>,
+    pub(super) file_bytes: Option<usize>,
+    pub(super) sha256: Option<String>,
     pub(super) accuracy: Option<f64>,
-    accuracy_name: Option<&'static str>,
-    accuracy_frames: Option<i64>,
-    accuracy_command: Option<String>,
+    pub(super) accuracy_name: Option<&'static str>,
+    pub(super) accuracy_frames: Option<i64>,
+    pub(super) accuracy_command: Option<String>,
     /// Boxes, or places of marks, a frame.
-    found_per_frame: Option<f64>,
+    pub(super) found_per_frame: Option<f64>,
     /// How many times as fast as the dense network of the family: same provider, same precision.
-    speedup_over_dense: Option<f64>,
+    pub(super) speedup_over_dense: Option<f64>,
     /// How many times as fast as the same network unquantised on the same provider.
-    speedup_of_int8: Option<f64>,
+    pub(super) speedup_of_int8: Option<f64>,
     /// How many times as fast as the same file on the provider cpu.
-    speedup_of_provider: Option<f64>,
+    pub(super) speedup_of_provider: Option<f64>,
     /// How many times as fast as the dense network of the family, unquantised, on the provider cpu.
-    speedup_in_all: Option<f64>,
+    pub(super) speedup_in_all: Option<f64>,
     /// covista's speed over this one's: median over the rounds of the ratios of both turns.
-    covista_speed_ratio: Option<f64>,
+    pub(super) covista_speed_ratio: Option<f64>,
 }
 
 #[derive(Debug, Clone, Copy, Serialize)]
-struct Stages {
-    prepare_ms: f64,
-    network_ms: f64,
-    decode_ms: f64,
+pub(super) struct Stages {
+    pub(super) prepare_ms: f64,
+    pub(super) network_ms: f64,
+    pub(super) decode_ms: f64,
 }
 
 /// What a card says of its network's quality.
@@ -218,48 +218,6 @@ fn speed_ratio(ours: &Turns, theirs: &Turns) -> f64 {
     ratios.collect::<Sorted>().median()
 }
 
-/// What a network's id says of it: `FAMILY-p8-int8` is the family's network pruned to an eighth of
-/// its work and quantised, `FAMILY-zeros8` the dense one with that many weights set to 0.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Member<'a> {
-    pub(super) family: &'a str,
-    /// `p8`, `zeros8`; empty for the dense one.
-    pub(super) cut: &'a str,
-    pub(super) is_int8: bool,
-}
-
-impl<'a> Member<'a> {
-    pub(super) fn of(id: &'a str) -> Self {
-        let (rest, is_int8) = match id.strip_suffix("-int8") {
-            Some(rest) => (rest, true),
-            None => (id, false),
-        };
-        let is_cut = |suffix: &str| {
-            ["p", "zeros"].into_iter().any(|what| {
-                let count = suffix.strip_prefix(what).unwrap_or_default();
-                !count.is_empty() && count.bytes().all(|byte| byte.is_ascii_digit())
-            })
-        };
-        match rest.rsplit_once('-') {
-            Some((family, cut)) if is_cut(cut) => Self {
-                family,
-                cut,
-                is_int8,
-            },
-            _ => Self {
-                family: rest,
-                cut: "",
-                is_int8,
-            },
-        }
-    }
-
-    /// Whether channels were removed or none: what lies on one curve.
-    pub(super) fn is_structured(&self) -> bool {
-        !self.cut.starts_with("zeros")
-    }
-}
-
 /// Fills in how the rows of covista compare with each other.
 fn compare(rows: &mut [Row]) {
     let all = rows.to_vec();
@@ -304,211 +262,9 @@ fn compare(rows: &mut [Row]) {
     }
 }
 
-/// Speeds, one line a network and provider.
-pub(super) fn speed_table(rows: &[Row]) -> String {
-    let header = [
-        "end to end",
-        "provider",
-        "precision",
-        "images/s",
-        "median, ms",
-        "p95",
-        "p99",
-        "prepare",
-        "network",
-        "decode",
-        "pruned, x",
-        "int8, x",
-        "provider, x",
-        "in all, x",
-        "found",
-    ];
-    let ours = rows
-        .iter()
-        .filter(|row| row.run_by == COVISTA && row.stage == END_TO_END);
-    let cells = ours.map(|row| {
-        let stage = |of: fn(&Stages) -> f64| optional(row.stages.as_ref().map(of), 2);
-        [
-            vec![row.model.clone(), row.provider.into(), row.precision.into()],
-            speeds(row),
-            vec![
-                stage(|stages| stages.prepare_ms),
-                stage(|stages| stages.network_ms),
-                stage(|stages| stages.decode_ms),
-                optional(row.speedup_over_dense, 2),
-                optional(row.speedup_of_int8, 2),
-                optional(row.speedup_of_provider, 2),
-                optional(row.speedup_in_all, 2),
-                optional(row.found_per_frame, 1),
-            ],
-        ]
-        .concat()
-    });
-    table(&header, cells)
-}
-
-/// The networks alone, and what they cost.
-pub(super) fn network_table(rows: &[Row]) -> String {
-    let header = [
-        "network alone",
-        "provider",
-        "precision",
-        "images/s",
-        "median, ms",
-        "p95",
-        "p99",
-        "GMAC/s",
-        "pruned, x",
-        "int8, x",
-        "provider, x",
-        "in all, x",
-    ];
-    let ours = rows
-        .iter()
-        .filter(|row| row.run_by == COVISTA && row.stage == NETWORK);
-    let cells = ours.map(|row| {
-        [
-            vec![row.model.clone(), row.provider.into(), row.precision.into()],
-            speeds(row),
-            vec![
-                optional(row.gmac_per_s, 1),
-                optional(row.speedup_over_dense, 2),
-                optional(row.speedup_of_int8, 2),
-                optional(row.speedup_of_provider, 2),
-                optional(row.speedup_in_all, 2),
-            ],
-        ]
-        .concat()
-    });
-    table(&header, cells)
-}
-
-/// The files and their accuracy, one line a network.
-pub(super) fn file_table(rows: &[Row]) -> String {
-    let header = [
-        "file",
-        "GMAC",
-        "parameters",
-        "not 0",
-        "MB",
-        "SHA-256",
-        "accuracy, %",
-        "frames",
-        "measure",
-    ];
-    let is_first = |(index, row): &(usize, &Row)| {
-        row.sha256.is_some() && rows[..*index].iter().all(|other| other.model != row.model)
-    };
-    let files = rows.iter().enumerate().filter(is_first);
-    let count = |value: Option<u64>| value.map_or("-".to_owned(), |value| value.to_string());
-    let cells = files.map(|(_, row)| {
-        vec![
-            row.model.clone(),
-            optional(row.gmac, 2),
-            count(row.params),
-            count(row.nonzero_params),
-            optional(row.file_bytes.map(|bytes| bytes as f64 / 1e6), 2),
-            row.sha256
-                .as_deref()
-                .map_or("-", |hash| hash.get(..8).unwrap_or(hash))
-                .to_owned(),
-            optional(row.accuracy, 2),
-            row.accuracy_frames
-                .map_or("-".to_owned(), |frames| frames.to_string()),
-            row.accuracy_name.unwrap_or("-").to_owned(),
-        ]
-    });
-    table(&header, cells)
-}
-
-/// The other programs' speeds, and covista's over them.
-pub(super) fn peer_table(rows: &[Row]) -> String {
-    let header = [
-        "against",
-        "by",
-        "stage",
-        "images/s",
-        "median, ms",
-        "p95",
-        "p99",
-        "covista's speed, x",
-        "found",
-    ];
-    let theirs = rows.iter().filter(|row| row.run_by != COVISTA);
-    let cells = theirs.map(|row| {
-        [
-            vec![
-                row.model.clone(),
-                row.run_by.into(),
-                row.stage.replace('_', " "),
-            ],
-            speeds(row),
-            vec![
-                optional(row.covista_speed_ratio, 3),
-                optional(row.found_per_frame, 1),
-            ],
-        ]
-        .concat()
-    });
-    table(&header, cells)
-}
-
-fn speeds(row: &Row) -> Vec<String> {
-    vec![
-        format!("{:.1}", row.img_per_s),
-        format!("{:.2}", row.median_ms),
-        format!("{:.2}", row.p95_ms),
-        format!("{:.2}", row.p99_ms),
-    ]
-}
-
-fn table(header: &[&str], cells: impl Iterator<Item = Vec<String>>) -> String {
-    let header = header.iter().copied().map(String::from).collect();
-    aligned(&std::iter::once(header).chain(cells).collect::<Vec<_>>())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn member<'a>(family: &'a str, cut: &'a str, is_int8: bool) -> Member<'a> {
-        Member {
-            family,
-            cut,
-            is_int8,
-        }
-    }
-
-    #[test]
-    fn ids_say_family_cut_and_precision() {
-        for (id, expected) in [
-            ("pointpillars", member("pointpillars", "", false)),
-            (
-                "pointpillars-kitti",
-                member("pointpillars-kitti", "", false),
-            ),
-            (
-                "pointpillars-kitti-p8",
-                member("pointpillars-kitti", "p8", false),
-            ),
-            (
-                "pointpillars-kitti-p16-int8",
-                member("pointpillars-kitti", "p16", true),
-            ),
-            (
-                "pointpillars-kitti-int8",
-                member("pointpillars-kitti", "", true),
-            ),
-            (
-                "pointpillars-kitti-zeros8",
-                member("pointpillars-kitti", "zeros8", false),
-            ),
-            ("ufld-resnet18", member("ufld-resnet18", "", false)),
-            ("ufld-p", member("ufld-p", "", false)),
-        ] {
-            assert_eq!(Member::of(id), expected);
-        }
-    }
 
     /// Three frames of `ms` in two turns.
     fn row(model: &str, provider: &'static str, precision: &'static str, ms: f64) -> Row {

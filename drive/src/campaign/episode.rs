@@ -1,0 +1,346 @@
+use covista_control::{
+    ControlOutput, ControlSettings, Controller, EgoState, Manoeuvre, Neighbour, SafetySettings,
+    SightLine, Situation,
+};
+use covista_traffic::{VehicleId, VehicleKind};
+use covista_world::{Action, ActionVerdict, LANE_COUNT, LaneIndex, Road, STEP_S, StationId, Track};
+use rand::Rng;
+use rand_chacha::ChaCha8Rng;
+
+use super::{
+    CampaignError,
+    broken::Broken,
+    exact::SafeSet,
+    other::{Merging, Script, TOP_MPS},
+    plant::{Plant, PlantModel},
+    scenario::{Cast, EGO, EGO_ID, Scenario},
+    tally::Tally,
+    watch::{Judged, Seen, Watch},
+};
+use crate::{CavView, Monitor, TrueVehicle};
+
+const STATION: StationId = StationId(1);
+/// Steps between two behaviour decisions.
+const DECISION_STEPS: usize = 50;
+/// Steps for which a wish for a lane change lasts.
+const WISH_STEPS: usize = 200;
+
+/// What an episode is run under, besides what is drawn.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Conditions {
+    pub control: ControlSettings,
+    pub plant: PlantModel,
+    pub broken: Option<Broken>,
+    /// Bounds of the noise that the plant really has.
+    pub noise: SafetySettings,
+    /// Whether the monitor runs along.
+    pub is_monitored: bool,
+}
+
+/// One vehicle in closed loop with its controller among others.
+pub(super) struct Episode<'a> {
+    scenario: Scenario,
+    conditions: &'a Conditions,
+    controller: Controller,
+    plant: Plant,
+    dice: ChaCha8Rng,
+    /// For each other vehicle since when it has been in sight.
+    in_sight_since: Vec<Option<usize>>,
+    is_known: Vec<bool>,
+    changing_since: Option<usize>,
+    wish: Action,
+    tracks: Vec<Track>,
+    neighbours: Vec<Neighbour>,
+}
+
+impl<'a> Episode<'a> {
+    pub fn new(
+        scenario: Scenario,
+        conditions: &'a Conditions,
+        dice: ChaCha8Rng,
+    ) -> Result<Self, CampaignError> {
+        let others = scenario.cast.len();
+        Ok(Self {
+            controller: Controller::new(conditions.control, scenario.lane)?,
+            plant: Plant::new(conditions.plant, scenario.state, EGO),
+            conditions,
+            dice,
+            in_sight_since: vec![None; others],
+            is_known: vec![false; others],
+            changing_since: None,
+            wish: Action::KeepLane,
+            tracks: Vec::new(),
+            neighbours: Vec::new(),
+            scenario,
+        })
+    }
+
+    /// Drives `steps` steps and tells what was found. `look` sees every situation and the
+    /// controller before it acts.
+    pub fn run(mut self, steps: usize, mut look: impl FnMut(&Situation<'_>, &Controller)) -> Tally {
+        let road = self.scenario.road.clone();
+        let settings = &self.conditions.control.safety;
+        let broken = self.conditions.broken;
+        let excuses_nothing = matches!(broken, Some(Broken::CutIn | Broken::Revealed));
+        let mut watch = Watch::new(settings, &road, self.scenario.cast.len(), excuses_nothing);
+        let mut monitor = Monitor::new(*settings);
+        let mut s_m = road.to_frenet(self.plant.state.pose.position()).s_m;
+        for step in 0..steps {
+            let ego = TrueVehicle::new(
+                VehicleId(EGO_ID),
+                VehicleKind::Cav,
+                EGO,
+                self.plant.state,
+                s_m,
+                &road,
+            );
+            s_m = ego.frenet.s_m;
+            let truths: Vec<TrueVehicle> = self
+                .scenario
+                .cast
+                .iter()
+                .map(|cast| cast.other.truth(&road))
+                .collect();
+            self.look_ahead(step, &ego, &truths, &road);
+            self.estimate(step, &road);
+            let sight = self.sight(step, &ego, &truths, &road);
+            let output = self.control(step, &ego, &sight, &mut look);
+            let manoeuvre = self.controller.manoeuvre();
+            let judged = Judged {
+                step,
+                ego: &ego,
+                manoeuvre,
+                output: &output,
+            };
+            let seen = self.seen(step, &truths);
+            watch.observe(&judged, &seen);
+            if self.conditions.is_monitored {
+                self.show(&mut monitor, step, &ego, &truths, &sight, &output, &road);
+            }
+            self.advance(step, &ego, &truths, manoeuvre, &output, &road);
+        }
+        let mut tally = watch.tally;
+        tally.add_causes(&monitor);
+        tally
+    }
+
+    /// Who is in sight, and who has been for long enough to be known.
+    fn look_ahead(&mut self, step: usize, ego: &TrueVehicle, truths: &[TrueVehicle], road: &Road) {
+        let end_m = ego.frenet.s_m + self.scenario.sight_range_m;
+        for (index, truth) in truths.iter().enumerate() {
+            let cast = &self.scenario.cast[index];
+            let hidden = || {
+                truths.iter().enumerate().any(|(nearer, other)| {
+                    nearer != index
+                        && other.s_range_m[0] > ego.s_range_m[1]
+                        && other.s_range_m[1] < truth.s_range_m[0]
+                        && !other
+                            .lanes(road, 0.0)
+                            .shared_with(truth.lanes(road, 0.0))
+                            .is_empty()
+                })
+            };
+            let in_sight = truth.s_range_m[0] < end_m && !hidden();
+            let since = &mut self.in_sight_since[index];
+            *since = in_sight.then_some(since.unwrap_or(step));
+            let seen =
+                since.is_some_and(|since| since == 0 || step >= since + self.scenario.delay_steps);
+            self.is_known[index] |= (cast.is_shared || seen) && !cast.is_missed;
+        }
+    }
+
+    fn estimate(&mut self, step: usize, road: &Road) {
+        let settings = &self.conditions.control.safety;
+        self.tracks.clear();
+        self.neighbours.clear();
+        for (index, cast) in self.scenario.cast.iter().enumerate() {
+            if !self.is_known[index] {
+                continue;
+            }
+            let track = self.scenario.estimate.track(
+                index,
+                &cast.other,
+                step,
+                road,
+                settings,
+                &mut self.dice,
+            );
+            let neighbour = self.scenario.estimate.neighbour(&track, road, settings);
+            self.neighbours.extend(neighbour);
+            self.tracks.push(track);
+        }
+    }
+
+    /// The true ends of free sight, said to lie up to the bound beyond: where each lane is free or
+    /// hidden only behind known vehicles, and where the nearest vehicle is, known or not.
+    fn sight(
+        &self,
+        step: usize,
+        ego: &TrueVehicle,
+        truths: &[TrueVehicle],
+        road: &Road,
+    ) -> SightLine {
+        let farthest_m = ego.frenet.s_m + self.scenario.sight_range_m;
+        let mut clear_s_m = [farthest_m; LANE_COUNT as usize];
+        let mut open_s_m = clear_s_m;
+        for (index, truth) in truths.iter().enumerate() {
+            let rear_m = truth.s_range_m[0];
+            let is_noticed = self.in_sight_since[index].is_some()
+                && !self.scenario.cast[index].is_missed
+                && rear_m > ego.s_range_m[1];
+            if !is_noticed {
+                continue;
+            }
+            let lanes = truth.lanes(road, 0.0);
+            for (place, lane) in LaneIndex::all().enumerate() {
+                if lanes.contains(lane) {
+                    open_s_m[place] = open_s_m[place].min(rear_m);
+                    if !self.is_known[index] {
+                        clear_s_m[place] = clear_s_m[place].min(rear_m);
+                    }
+                }
+            }
+        }
+        let said = |ends: [f64; LANE_COUNT as usize]| {
+            ends.map(|end_m| end_m + self.scenario.sight_error_m)
+        };
+        SightLine::new(said(clear_s_m), time_s(step)).with_open(said(open_s_m))
+    }
+
+    fn control(
+        &mut self,
+        step: usize,
+        ego: &TrueVehicle,
+        sight: &SightLine,
+        look: &mut impl FnMut(&Situation<'_>, &Controller),
+    ) -> ControlOutput {
+        let situation = Situation {
+            profile: &self.scenario.profile,
+            ego: EgoState {
+                station: STATION,
+                state: self.plant.state,
+                dimensions: EGO,
+                frenet: ego.frenet,
+            },
+            neighbours: &self.neighbours,
+            sight,
+            time_s: time_s(step),
+            desired_speed_mps: TOP_MPS,
+        };
+        if step.is_multiple_of(DECISION_STEPS) {
+            if step.is_multiple_of(WISH_STEPS) {
+                let wishes = [Action::KeepLane, Action::ChangeLeft, Action::ChangeRight];
+                self.wish = wishes[self.dice.random_range(0..wishes.len())];
+            }
+            let changes = self.scenario.changes_lanes && self.wish.is_lane_change();
+            let wish = if changes { self.wish } else { Action::KeepLane };
+            let action = [wish, Action::KeepLane]
+                .into_iter()
+                .find(|action| self.controller.verdict(&situation, *action) == ActionVerdict::Safe)
+                .unwrap_or(Action::EmergencyStop);
+            self.controller.set_action(action, situation.time_s);
+        }
+        look(&situation, &self.controller);
+        let target = self.controller.manoeuvre().destination();
+        let input = self.scenario.nominal.input(
+            step,
+            &ego.frenet,
+            ego.speed_mps,
+            EGO.wheelbase_m,
+            self.scenario.road.lane_center_m(target),
+            &mut self.dice,
+        );
+        match input {
+            Some(u_nominal) => self.controller.filter(&situation, u_nominal),
+            None => self.controller.control(&situation),
+        }
+    }
+
+    fn seen(&self, step: usize, truths: &[TrueVehicle]) -> Vec<Seen> {
+        let age = self.scenario.estimate.age_steps(step);
+        self.scenario
+            .cast
+            .iter()
+            .zip(truths)
+            .enumerate()
+            .map(|(index, (cast, truth))| Seen {
+                truth: *truth,
+                speed_mps: cast.other.now.speed_mps,
+                measured_mps: cast.other.before(age, &self.scenario.road).speed_mps,
+                is_visible: self.in_sight_since[index].is_some() || self.is_known[index],
+                measured: self.is_known[index]
+                    .then(|| step.checked_sub(age))
+                    .flatten(),
+                follows: matches!(cast.other.script, Script::Follow { .. }),
+            })
+            .collect()
+    }
+
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "all that the monitor may see of one step"
+    )]
+    fn show(
+        &self,
+        monitor: &mut Monitor,
+        step: usize,
+        ego: &TrueVehicle,
+        truths: &[TrueVehicle],
+        sight: &SightLine,
+        output: &ControlOutput,
+        road: &Road,
+    ) {
+        let time_s = time_s(step);
+        for (truth, since) in truths.iter().zip(&self.in_sight_since) {
+            monitor.sight(ego.id, truth.id, since.is_some(), time_s);
+        }
+        let mut all = Vec::with_capacity(truths.len() + 1);
+        all.push(*ego);
+        all.extend_from_slice(truths);
+        let view = CavView {
+            id: ego.id,
+            tracks: &self.tracks,
+            sight: Some(sight),
+            manoeuvre: self.controller.manoeuvre(),
+            state: self.plant.state,
+            wheelbase_m: EGO.wheelbase_m,
+            input: Some(output.u),
+        };
+        monitor.observe(time_s, road, &all, &[view], []);
+    }
+
+    fn advance(
+        &mut self,
+        step: usize,
+        ego: &TrueVehicle,
+        truths: &[TrueVehicle],
+        manoeuvre: Manoeuvre,
+        output: &ControlOutput,
+        road: &Road,
+    ) {
+        let changing = matches!(manoeuvre, Manoeuvre::ChangeLane { .. });
+        self.changing_since = changing.then_some(self.changing_since.unwrap_or(step));
+        let off_m = ego.frenet.d_m - road.lane_center_m(manoeuvre.destination());
+        let disturbance = self.scenario.noise.draw(step, off_m, &mut self.dice);
+        self.plant
+            .step(output.u, disturbance, &self.conditions.noise);
+        let settings = &self.conditions.control.safety;
+        let set = SafeSet { settings, road };
+        let target = manoeuvre.destination();
+        for (Cast { other, .. }, truth) in self.scenario.cast.iter_mut().zip(truths) {
+            let half_lengths_m = (ego.dimensions.length_m + truth.dimensions.length_m) / 2.0;
+            let merging = self.changing_since.map(|since| Merging {
+                since_s: time_s(step - since),
+                gap_m: set.arc_m(target, truth.s_range_m[1], ego.s_range_m[0]),
+                ego_stop_m: ego.speed_mps.powi(2) / (2.0 * settings.brake_mps2),
+                keep_m: settings.headway_safe_m - half_lengths_m,
+            });
+            other.step(step, road, merging, &mut self.dice);
+        }
+    }
+}
+
+/// Time of a step.
+fn time_s(step: usize) -> f64 {
+    step as f64 * STEP_S
+}
