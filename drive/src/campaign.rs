@@ -127,6 +127,7 @@ fn conditions(spec: &CampaignSpec) -> Conditions {
     };
     let scaled = SafetySettings {
         noise_position_m: times * noise.noise_position_m,
+        noise_position_share: times * noise.noise_position_share,
         noise_speed_mps: times * noise.noise_speed_mps,
         noise_slip_rad: times * noise.noise_slip_rad,
         noise_curvature_per_m: times * noise.noise_curvature_per_m,
@@ -163,3 +164,37 @@ fn run_episode(
 
 #[cfg(test)]
 mod tests;
+
+#[doc(hidden)]
+pub fn trace_episode(spec: &CampaignSpec, family: Family, number: u64) {
+    let conditions = conditions(spec);
+    let mut dice = ChaCha8Rng::seed_from_u64(spec.seed);
+    dice.set_stream(number * Family::ALL.len() as u64 + family as u64);
+    let scenario =
+        scenario::draw(family, &conditions.control, conditions.broken, &mut dice).unwrap();
+    println!(
+        "nominal {:?} noise {:?} est {:?} sight {} err {} delay {}",
+        scenario.nominal,
+        scenario.noise,
+        scenario.estimate,
+        scenario.sight_range_m,
+        scenario.sight_error_m,
+        scenario.delay_steps
+    );
+    println!(
+        "sharpest {} lane width {} lane {:?} ego {:?}",
+        scenario.road.sharpest_per_m(),
+        scenario.road.lane_width_m(),
+        scenario.lane,
+        scenario.state
+    );
+    for cast in &scenario.cast {
+        println!(
+            "{:?} shared {} missed {}",
+            cast.other, cast.is_shared, cast.is_missed
+        );
+    }
+    let episode = Episode::new(scenario, &conditions, dice).unwrap();
+    let tally = episode.run(EPISODE_STEPS as usize, |_, _| {});
+    println!("{tally:#?}");
+}

@@ -27,7 +27,7 @@ mod truth;
 pub use bench_frames::{recorded_bench_frames, rendered_frames};
 pub use campaign::{
     Broken, CampaignError, CampaignSpec, Family, PLANTS, PlantCover, PlantModel, Stage, StepTiming,
-    Tally, cover_plants, run_campaign, time_control,
+    Tally, cover_plants, run_campaign, time_control, trace_episode,
 };
 pub use cause::Cause;
 pub use control_file::{ControlFileError, load_control_settings};

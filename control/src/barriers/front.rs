@@ -313,8 +313,8 @@ impl Barrier for Front<'_> {
 /// Share of a metre that a broken distance level is won back in a second.
 const RECOVERY_PER_S: f64 = 0.5;
 
-/// Largest acceleration that wins a distance level `h_m` < 0 back against the measured motion, no
-/// less than the gentle braking.
+/// Largest acceleration that wins a distance level `h_m` < 0 back against the measured motion: no
+/// less than the gentle braking, and none that gains speed.
 pub fn recovery_accel_mps2(
     measured: Gap,
     closing: &Closing,
@@ -325,5 +325,5 @@ pub fn recovery_accel_mps2(
     let wanted = measured.h_m(closing, keep_m) + (-h_m).min(1.0) * RECOVERY_PER_S * STEP_S;
     measured
         .accel_max_mps2(closing, safety, keep_m, wanted, measured.leader_mps)
-        .max(-safety.gentle_brake_mps2)
+        .clamp(-safety.gentle_brake_mps2, 0.0)
 }

@@ -109,7 +109,7 @@ impl<'a> Lateral<'a> {
         let (front_m, half_width_m) = (ego.front_m(), ego.dimensions.width_m / 2.0);
         let sharpest_per_m = path_curvature(road.sharpest_per_m(), road);
         let v = ego.state.speed_mps;
-        let is_slow_enough = v <= profile.speed_limit_mps(ego.frenet.s_m) + ROUNDING_M;
+        let is_slow_enough = v <= profile.speed_limit_mps(ego.frenet.s_m) + ROUNDING_MPS;
         let mut lateral = Self {
             road,
             safety,
@@ -216,6 +216,14 @@ impl<'a> Lateral<'a> {
         side.sign() * self.next.d_m + step_m * (sideways + farther - heading.sin())
     }
 
+    /// What the heading relative to the road may differ by after a step: the noise in curvature,
+    /// and the road's turn over the noise in position.
+    fn heading_noise_rad(&self, speed_mps: f64) -> f64 {
+        let per_m = self.safety.noise_curvature_per_m
+            + self.sharpest_per_m * self.safety.overrun(speed_mps);
+        speed_mps * STEP_S * (1.0 + self.safety.overrun(speed_mps)) * per_m
+    }
+
     /// How far from the rear axle's offset the body reaches to the left until a vehicle with
     /// heading `psi_rad` runs parallel to the road, when it steers back at once.
     ///
@@ -229,7 +237,7 @@ impl<'a> Lateral<'a> {
         let overrun = self.safety.overrun(speed_mps);
         let step_m = speed_mps * STEP_S * (1.0 + overrun);
         let shift = self.sharpest_per_m * step_m + self.safety.noise_slip_rad;
-        let swing = shift + 2.0 * self.safety.noise_curvature_per_m * step_m;
+        let swing = shift + 2.0 * self.heading_noise_rad(speed_mps);
         let rear_m = self.rear_m * swing;
         let psi = (psi_rad + shift).min(std::f64::consts::FRAC_PI_2);
         if psi <= 0.0 {
@@ -313,7 +321,7 @@ impl Steering<'_> {
     fn h_at_m(&self, tan_delta: f64, next_mps: f64) -> f64 {
         let Self { lateral, side, .. } = *self;
         let step_m = lateral.speed_mps * STEP_S;
-        let noise = lateral.safety.noise_curvature_per_m * step_m;
+        let noise = lateral.heading_noise_rad(lateral.speed_mps);
         let turned = lateral.next.psi_rad + step_m / lateral.wheelbase_m * tan_delta;
         let reach_m = match self.part {
             Part::Front => {
@@ -328,6 +336,8 @@ impl Steering<'_> {
 
 /// Room below which a row is met: the rounding of positions on a curved road.
 const ROUNDING_M: f64 = 1e-9;
+/// A speed above its limit by no more than this is rounding.
+const ROUNDING_MPS: f64 = 1e-6;
 /// What rounding may add up to.
 const ROUNDING_IN_ALL_M: f64 = 1e-7;
 

@@ -15,7 +15,7 @@ use super::{
     plant::{Plant, PlantModel},
     scenario::{Cast, EGO, EGO_ID, Scenario},
     tally::Tally,
-    watch::{Judged, Seen, Watch},
+    watch::{Doubt, Judged, Seen, Watch},
 };
 use crate::{CavView, Monitor, TrueVehicle};
 
@@ -258,6 +258,7 @@ impl<'a> Episode<'a> {
 
     fn seen(&self, step: usize, truths: &[TrueVehicle]) -> Vec<Seen> {
         let age = self.scenario.estimate.age_steps(step);
+        let doubt = self.doubt(age);
         self.scenario
             .cast
             .iter()
@@ -272,8 +273,23 @@ impl<'a> Episode<'a> {
                     .then(|| step.checked_sub(age))
                     .flatten(),
                 follows: matches!(cast.other.script, Script::Follow { .. }),
+                doubt,
             })
             .collect()
+    }
+
+    /// By how much the worst that may be made of a measurement of this age is worse than the truth.
+    fn doubt(&self, age_steps: usize) -> Doubt {
+        let settings = &self.conditions.control.safety;
+        let estimate = &self.scenario.estimate;
+        let age_s = age_steps as f64 * STEP_S;
+        let apart_mps2 = settings.leader_brake_mps2 + settings.follower_accel_mps2;
+        let speed_mps = 2.0 * settings.error_sigmas * estimate.velocity_std_mps;
+        Doubt {
+            position_m: 2.0 * settings.error_sigmas * estimate.position_std_m
+                + (speed_mps + 0.5 * apart_mps2 * age_s) * age_s,
+            speed_mps: speed_mps + apart_mps2 * age_s,
+        }
     }
 
     #[expect(

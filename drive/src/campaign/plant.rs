@@ -143,7 +143,8 @@ impl Plant {
         }
         let pose = &mut self.state.pose;
         let driven = Se2Pose::new(pose.x_m - before.pose.x_m, pose.y_m - before.pose.y_m, 0.0);
-        let along_m = of.position * bounds.noise_position_m;
+        let share_m = bounds.noise_position_share * before.speed_mps * STEP_S;
+        let along_m = of.position * bounds.noise_position_m.min(share_m);
         let (sin, cos) = (of.slip * bounds.noise_slip_rad).sin_cos();
         let (x, y) = (
             driven.x_m + along_m * before.pose.yaw_rad.cos(),

@@ -39,6 +39,16 @@ pub(super) struct Seen {
     pub measured: Option<usize>,
     /// Whether it keeps its distance to the ego vehicle in the manner of RSS.
     pub follows: bool,
+    /// How much worse than the truth it may be taken to be.
+    pub doubt: Doubt,
+}
+
+/// How much nearer and slower than it is a vehicle ahead may be taken to be: estimation error
+/// either way, and what it may have done since it was measured.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Doubt {
+    pub position_m: f64,
+    pub speed_mps: f64,
 }
 
 /// What was true of a vehicle one step before.
@@ -51,6 +61,8 @@ struct Pair {
     /// Ahead, visible and in a lane of the ego vehicle's.
     counts: bool,
     excuse: Option<Excuse>,
+    /// Whether the set is won back as far as can be known.
+    won_back: bool,
     /// When it entered the lane.
     entered: Option<usize>,
     /// Keeping a lane inside the set's own definition.
@@ -159,9 +171,27 @@ impl<'a> Watch<'a> {
         pair.counts = pair.shares_lane && pair.is_visible && pair.is_ahead;
         if pair.counts {
             let lanes_off = if changing { 1.5 } else { 0.5 };
-            let levels = shared()
-                .map(|lane| self.set.levels(ego, other, seen.speed_mps, lane, lanes_off))
-                .min_by(|a, b| a.h_m.total_cmp(&b.h_m));
+            let levels = |speed_mps: f64| {
+                shared()
+                    .map(|lane| self.set.levels(ego, other, speed_mps, lane, lanes_off))
+                    .min_by(|a, b| a.h_m.total_cmp(&b.h_m))
+            };
+            // An excuse holds where the set may be broken as far as can be known, and lasts until
+            // it is won back as far.
+            let new = !before.counts;
+            if new || pair.excuse.is_some() {
+                let unseen_m = if new && !before.is_visible {
+                    let settings = self.set.settings;
+                    let longer_m = other.dimensions.length_m - settings.shortest_vehicle_m;
+                    settings.sight_error_m + 0.5 * longer_m.max(0.0)
+                } else {
+                    0.0
+                };
+                let feared = levels((seen.speed_mps - seen.doubt.speed_mps).max(0.0));
+                let doubt_m = seen.doubt.position_m.max(unseen_m);
+                pair.won_back = feared.is_none_or(|feared| feared.set_h_m >= doubt_m);
+            }
+            let levels = levels(seen.speed_mps);
             if let Some(levels) = levels {
                 self.judge_ahead(judged, seen, before, &mut pair, levels, entered, changing);
             }
@@ -196,7 +226,12 @@ impl<'a> Watch<'a> {
             let passed = before.shares_lane && !before.is_ahead;
             let revealed = !before.is_visible;
             let excusable = judged.step == 0 || entered || passed || revealed;
-            if excusable && !inside && !self.excuses_nothing {
+            let doubtful = if judged.step == 0 {
+                !inside
+            } else {
+                !pair.won_back
+            };
+            if excusable && doubtful && !self.excuses_nothing {
                 let collides = levels.h0_m < -TOLERANCE_M;
                 pair.excuse = Some(Excuse::AtOnce { collides });
                 self.tally.excused += 1;
@@ -204,11 +239,34 @@ impl<'a> Watch<'a> {
             pair.entered = entered.then_some(judged.step);
         }
         if inside {
-            (pair.excuse, pair.violates) = (None, false);
+            pair.violates = false;
+            let lasts = matches!(pair.excuse, Some(Excuse::AtOnce { .. })) && !pair.won_back;
+            pair.excuse = pair.excuse.filter(|_| lasts);
         } else if pair.excuse.is_none() && !pair.violates {
             pair.excuse = self.late_excuse(judged, seen, pair, levels, changing);
             if pair.excuse.is_none() {
                 pair.violates = true;
+                {
+                    eprintln!(
+                        "VIOL step {} h {:.6} set {:.5} h0 {:.3} hw {:.3} v {:.3} vk {:.3} out {:?} man {:?} id {:?} s {:.2} d {:.2} rear {:.2} u {:?} ctl h {:.4} binding {:?}",
+                        judged.step,
+                        levels.h_m,
+                        levels.set_h_m,
+                        levels.h0_m,
+                        levels.headway_m,
+                        judged.ego.speed_mps,
+                        seen.speed_mps,
+                        judged.output.outcome,
+                        judged.manoeuvre,
+                        seen.truth.id,
+                        judged.ego.frenet.s_m,
+                        judged.ego.frenet.d_m,
+                        seen.truth.s_range_m[0],
+                        judged.output.u,
+                        judged.output.h_m,
+                        judged.output.binding
+                    );
+                }
                 self.tally.violations += 1;
             }
         }
@@ -232,6 +290,27 @@ impl<'a> Watch<'a> {
         if !changing && (before.in_set || in_set) {
             tally.smallest_set_h_m = tally.smallest_set_h_m.min(levels.set_h_m);
             tally.set_violations += u64::from(!in_set);
+            if !in_set {
+                eprintln!(
+                    "SET step {} h {:.6} set {:.5} h0 {:.3} hw {:.3} v {:.3} vk {:.3} out {:?} man {:?} id {:?} s {:.2} d {:.2} rear {:.2} u {:?} ctl h {:.4} binding {:?}",
+                    judged.step,
+                    levels.h_m,
+                    levels.set_h_m,
+                    levels.h0_m,
+                    levels.headway_m,
+                    judged.ego.speed_mps,
+                    seen.speed_mps,
+                    judged.output.outcome,
+                    judged.manoeuvre,
+                    seen.truth.id,
+                    judged.ego.frenet.s_m,
+                    judged.ego.frenet.d_m,
+                    seen.truth.s_range_m[0],
+                    judged.output.u,
+                    judged.output.h_m,
+                    judged.output.binding
+                );
+            }
         }
         pair.in_set = in_set;
         tally.smallest_h_m = tally.smallest_h_m.min(levels.h_m);
@@ -346,6 +425,27 @@ impl<'a> Watch<'a> {
         tally.bad_inputs += u64::from(!within);
         tally.lateral_accel_steps +=
             u64::from(lateral_mps2 > settings.lateral_accel_max_mps2 + 1e-6);
+        if std::env::var("TRACE").as_deref() == Ok("2") {
+            eprintln!(
+                "STEP v {:.6} s {:.4} d {:.5} psi {:.6} hl {:.7} u {:.5} {:.3} {:?} {:?} h {:.4}",
+                ego.speed_mps,
+                ego.frenet.s_m,
+                ego.frenet.d_m,
+                ego.frenet.psi_rad,
+                output.h_lateral_m,
+                output.u.tan_delta,
+                output.u.accel_mps2,
+                output.outcome,
+                output.binding,
+                output.h_m
+            );
+        }
+        if failed && !changing && !excused {
+            eprintln!(
+                "INF v {} {:?} s {} d {} psi {}",
+                ego.speed_mps, output, ego.frenet.s_m, ego.frenet.d_m, ego.frenet.psi_rad
+            );
+        }
         if failed && !changing {
             tally.infeasible += u64::from(!excused);
             tally.infeasible_excused += u64::from(excused);
@@ -371,6 +471,12 @@ impl<'a> Watch<'a> {
             ego.speed_mps.powi(2) * (sharpest + settings.counter_curvature_min_per_m);
         let tally = &mut self.tally;
         tally.largest_lane_excess_m = tally.largest_lane_excess_m.max(excess_m);
+        if excess_m > TOLERANCE_M {
+            eprintln!(
+                "EXC {excess_m} {manoeuvre:?} v {} d {} psi {}",
+                ego.speed_mps, ego.frenet.d_m, ego.frenet.psi_rad
+            );
+        }
         tally.lane_excess_steps += u64::from(excess_m > TOLERANCE_M);
         tally.curve_speed_steps +=
             u64::from(lateral_mps2 > settings.lateral_accel_max_mps2 * (1.0 + 1e-6));
