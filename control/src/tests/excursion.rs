@@ -26,6 +26,11 @@ fn overrun(v: f64) -> f64 {
     0.1_f64.min(W_P_M / (v * STEP_S))
 }
 
+/// What the heading relative to a road of sharpest path kappa may be off by after a step.
+fn bend_rad(v: f64, kappa: f64) -> f64 {
+    v * STEP_S * (1.0 + overrun(v)) * (BEND_PER_M + kappa * overrun(v))
+}
+
 /// |kappa| of the sharpest path along a road of curvature kappa, three lanes of 3.5 m wide.
 fn path(kappa: f64) -> f64 {
     kappa / (1.0 - 5.25 * kappa)
@@ -39,7 +44,7 @@ fn front_reach_m(profile: &RoadProfile, s_m: f64, v: f64, psi: f64) -> f64 {
     let step_m = v * STEP_S * (1.0 + overrun(v));
     let sharpest = path(road.sharpest_per_m());
     let shift = sharpest * step_m + SLIP_RAD;
-    let rear_m = REAR_M * (shift + 2.0 * BEND_PER_M * step_m);
+    let rear_m = REAR_M * (shift + 2.0 * bend_rad(v, sharpest));
     let psi = (psi + shift).min(FRAC_PI_2);
     if psi <= 0.0 {
         return HALF_M + rear_m;
@@ -49,8 +54,8 @@ fn front_reach_m(profile: &RoadProfile, s_m: f64, v: f64, psi: f64) -> f64 {
     let least = (own - sharpest).max(floor);
     let way_m = psi / least / (1.0 - 5.25 * road.sharpest_per_m());
     let counter = (own - path(road.max_abs_curvature(s_m, s_m + way_m))).max(floor);
-    let corner = (0..=20_000)
-        .map(|i| psi * f64::from(i) / 20_000.0)
+    let corner = (0..=5_000)
+        .map(|i| psi * f64::from(i) / 5_000.0)
         .map(|theta| {
             let drift_m = (theta.cos() - psi.cos()) / counter;
             drift_m + FRONT_M * theta.sin() + HALF_M * theta.cos()
@@ -81,7 +86,7 @@ fn expected(drive: &Drive, side: f64, u: ControlInput) -> [(f64, f64); 2] {
     let more_m = overrun(v) * off.sin().max(0.0) + off.sin() - (side * now.psi_rad).sin();
     let next_room_m = edge_m - side * next.d_m - v * STEP_S * more_m;
     let turn = v * STEP_S * u.tan_delta / SEDAN.wheelbase_m;
-    let bend = v * STEP_S * BEND_PER_M;
+    let bend = bend_rad(v, sharpest);
     let psi = side * (next.psi_rad + turn);
     let next_v = (v + u.accel_mps2 * STEP_S + W_V_MPS).max(0.0);
     let front_m = |s_m, v, psi| front_reach_m(&drive.profile, s_m, v, psi);
