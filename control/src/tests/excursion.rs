@@ -36,6 +36,24 @@ fn path(kappa: f64) -> f64 {
     kappa / (1.0 - 5.25 * kappa)
 }
 
+/// The highest value over [0, most] of a function with one peak: sampled, then narrowed down.
+fn highest(most: f64, value: impl Fn(f64) -> f64) -> f64 {
+    let at = |i: i32| most * f64::from(i) / 200.0;
+    let best = (0..=200)
+        .max_by(|a, b| value(at(*a)).total_cmp(&value(at(*b))))
+        .unwrap_or(0);
+    let (mut low, mut high) = (at((best - 1).max(0)), at((best + 1).min(200)));
+    for _ in 0..60 {
+        let third = (high - low) / 3.0;
+        if value(low + third) < value(high - third) {
+            low += third;
+        } else {
+            high -= third;
+        }
+    }
+    value(low)
+}
+
 /// How far the front reaches to its side until the vehicle runs parallel.
 fn front_reach_m(profile: &RoadProfile, s_m: f64, v: f64, psi: f64) -> f64 {
     let road = profile.road();
@@ -54,13 +72,10 @@ fn front_reach_m(profile: &RoadProfile, s_m: f64, v: f64, psi: f64) -> f64 {
     let least = (own - sharpest).max(floor);
     let way_m = psi / least / (1.0 - 5.25 * road.sharpest_per_m());
     let counter = (own - path(road.max_abs_curvature(s_m, s_m + way_m))).max(floor);
-    let corner = (0..=5_000)
-        .map(|i| psi * f64::from(i) / 5_000.0)
-        .map(|theta| {
-            let drift_m = (theta.cos() - psi.cos()) / counter;
-            drift_m + FRONT_M * theta.sin() + HALF_M * theta.cos()
-        })
-        .fold(0.0, f64::max);
+    let corner = highest(psi, |theta| {
+        let drift_m = (theta.cos() - psi.cos()) / counter;
+        drift_m + FRONT_M * theta.sin() + HALF_M * theta.cos()
+    });
     corner + rear_m + step_m * psi.sin()
 }
 
