@@ -152,6 +152,19 @@ mod tests {
         }
     }
 
+    /// Whole steps: 100 of them from 7.5 m/s, at a loss of 0.075 m/s each.
+    #[test]
+    fn noise_counts_once_a_step_and_not_at_standstill() {
+        let closing = Closing::new(&SafetySettings::default(), 1.0, 1.0);
+        let way_m = (7.5 * 100.0 - 0.075 * 4950.0) * STEP_S + 100.0 * 1e-3;
+        let distance = closing.distance_m(7.5, 0.0);
+        assert!((distance - way_m).abs() < 1e-9, "{distance} {way_m}");
+        assert!((closing.step_m(7.5, 0.0) - 0.076).abs() < 1e-12);
+        assert!(closing.step_m(0.0, 0.0).abs() < 1e-12);
+        assert!((closing.step_m(0.0, 3.0) + 0.03).abs() < 1e-12);
+        assert!(closing.distance_m(0.0, 0.0).abs() < 1e-12);
+    }
+
     #[test]
     fn stopping_from_sixteen_takes_sixteen_metres() {
         let quiet = SafetySettings {

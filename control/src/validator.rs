@@ -76,6 +76,11 @@ mod tests {
         assert!(judged(0.0250, 0.0, 20.0) && judged(-0.0250, 0.0, 20.0));
         assert!(!judged(0.0252, 0.0, 20.0) && !judged(-0.0252, 0.0, 20.0));
         assert!(judged(0.0, -5.0, 0.05) && !judged(0.0, -5.1, 0.05));
+        // But for rounding: 1e-9 of 1 and the bound together.
+        assert!(judged(0.0, -8.0 - 8.5e-9, 10.0) && !judged(0.0, -8.0 - 9.5e-9, 10.0));
+        assert!(judged(0.0, 3.0 + 3.5e-9, 10.0) && !judged(0.0, 3.0 + 4.5e-9, 10.0));
+        assert!(judged(0.6 + 1.5e-9, 0.0, 1.0) && !judged(0.6 + 1.7e-9, 0.0, 1.0));
+        assert!(judged(0.0, -1.0 - 5e-8, 0.01) && !judged(0.0, -1.0 - 2e-7, 0.01));
         for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
             assert!(!judged(bad, 0.0, 10.0) && !judged(0.0, bad, 10.0) && !judged(0.0, 0.0, bad));
         }
@@ -102,6 +107,10 @@ mod tests {
         ] {
             let u = backup(speed_mps, wheelbase_m, 0.9, &safety);
             assert!((u.accel_mps2 + 8.0).abs() < 1e-12 && (u.tan_delta - 0.6).abs() < 1e-12);
+            let held = backup(speed_mps, wheelbase_m, -0.1, &safety);
+            assert!((held.tan_delta + 0.1).abs() < 1e-12);
+            let right = backup(speed_mps, wheelbase_m, -0.9, &safety);
+            assert!((right.tan_delta + 0.6).abs() < 1e-12);
         }
     }
 }

@@ -213,7 +213,7 @@ impl Place<'_> {
                     if now.h_lateral_m < 0.0 {
                         continue;
                     }
-                    for leader_mps in [0.0, 0.05, 7.0, 15.0] {
+                    for leader_mps in [0.0, 0.05, 11.0] {
                         for h_m in [0.0, 0.03, 1.0] {
                             if let Some(state) = self.behind(ego, leader_mps, h_m + 1e-9, now) {
                                 self.check(&state, now, next, seen);
@@ -308,7 +308,7 @@ fn every_step_from_the_set_ends_in_the_set() {
             .map(|thread| thread.join().expect("no panic"))
             .fold(Seen::default(), Seen::join)
     });
-    assert!(seen.points > 300_000, "{seen:?}");
+    assert!(seen.points > 200_000, "{seen:?}");
     assert_eq!(seen.infeasible, 0, "{seen:?}");
     assert!(
         seen.lowest_h > -1e-6 && seen.lowest_lateral_m > -1e-6,
