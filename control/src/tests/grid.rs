@@ -83,6 +83,7 @@ impl Place<'_> {
             speed_mps,
             length_m: 4.6,
             best_s_rear_m: rear_s_m,
+            best_fast_mps: speed_mps,
             worst_s_rear_m: rear_s_m,
             worst_slow_mps: speed_mps,
             worst_s_front_m: rear_s_m + 4.6,

@@ -79,13 +79,13 @@ fn what_is_not_broken_but_for_rounding_needs_no_excuse() {
 #[test]
 fn one_that_was_not_known_is_revealed_where_all_of_its_estimate_is_inside() {
     let mut drive = driving();
-    let sure = leader(&mut drive, [-1.0, -0.5, -0.1]);
+    let sure = leader(&mut drive, [-2.0, -1.0, -0.51]);
     let none = Memory::default();
     assert_eq!(
         judged(&mut drive, &none, &sure, false),
         Some(Excuse::Revealed)
     );
-    let unsure = leader(&mut drive, [-1.0, -0.5, 0.1]);
+    let unsure = leader(&mut drive, [-2.0, -1.0, -0.49]);
     assert_eq!(
         judged(&mut drive, &none, &unsure, false),
         Some(Excuse::Revised)
