@@ -225,4 +225,37 @@ mod tests {
         settings.safety.noise_speed_mps = 0.09;
         assert!(settings.validate().is_err());
     }
+
+    #[test]
+    fn settings_that_contradict_each_other_are_named() {
+        let refused = |change: fn(&mut SafetySettings)| {
+            let mut settings = ControlSettings::default();
+            change(&mut settings.safety);
+            settings.validate().expect_err("refused").to_string()
+        };
+        let cases: [(fn(&mut SafetySettings), &str); 7] = [
+            (|s| s.noise_speed_mps = 0.08, "`noise_speed_mps` is 0.08"),
+            (
+                |s| s.noise_curvature_per_m = 0.003,
+                "`noise_curvature_per_m` is 0.003",
+            ),
+            (
+                |s| s.follower_brake_mps2 = 8.5,
+                "`follower_brake_mps2` is 8.5",
+            ),
+            (|s| s.gentle_brake_mps2 = 8.5, "`gentle_brake_mps2` is 8.5"),
+            (|s| s.eta = 1.1, "`eta` is 1.1"),
+            (|s| s.brake_mps2 = f64::NAN, "`brake_mps2` is NaN"),
+            (|s| s.error_sigmas = -1.0, "`error_sigmas` is -1"),
+        ];
+        for (change, part) in cases {
+            let message = refused(change);
+            assert!(message.contains(part), "{message}");
+        }
+        let mut settings = ControlSettings::default();
+        settings.safety.eta = 1.0;
+        settings.safety.follower_brake_mps2 = 8.0;
+        settings.safety.gentle_brake_mps2 = 8.0;
+        assert_eq!(settings.validate(), Ok(()));
+    }
 }

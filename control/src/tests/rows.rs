@@ -178,3 +178,47 @@ fn what_is_missing_is_told_of_hard_rows_that_are_not_met() {
     drive.state.pose.yaw_rad = -0.25;
     assert!(missing(&mut drive, input(-0.05, 0.0), false) > 1e-4);
 }
+
+/// The upper limit of the sight row of lane 1 while it is left to the left, at a speed, with `h0_m`
+/// of the collision level to where the sight ends.
+fn sight_limit(speed_mps: f64, h0_m: f64) -> f64 {
+    let mut drive = Drive::new(straight(), 1, 100.0, speed_mps);
+    let safety = drive.safety();
+    let ego = drive.ego();
+    let closing_m = crate::Closing::new(&safety, 1.0, 1.0).distance_m(speed_mps, 0.0);
+    let gap_m = h0_m + safety.collision_margin_m + closing_m;
+    drive.clear_s_m = ego.frenet.s_m + ego.front_reach_m() + gap_m + safety.sight_error_m;
+    let found = rows_of(&mut drive, &[], true);
+    let is_sight = |row: &&Row| row.kind == BarrierKind::Sight;
+    found.hard.iter().find(is_sight).expect("a sight row").upper
+}
+
+#[test]
+fn who_leaves_the_lane_slowly_keeps_the_collision_level_to_the_end_of_sight() {
+    // Up to 5 m/s: 0.1 m/s more.
+    assert!((sight_limit(4.9, 3.0) - 10.0).abs() < 1e-6);
+    let at_the_edge = sight_limit(4.9, 0.0);
+    assert!((-8.0 - 1e-6..-6.0).contains(&at_the_edge), "{at_the_edge}");
+    // Faster than that it does not count as leaving: at most the gentle braking, but no gain.
+    let faster = sight_limit(5.1, 3.0);
+    assert!((-8.0 - 1e-6..=0.0).contains(&faster), "{faster}");
+}
+
+#[test]
+fn the_row_towards_a_follower_names_it_and_its_levels() {
+    let mut drive = Drive::new(straight(), 1, 100.0, 10.0);
+    let mut lower = |away_m: f64| {
+        drive.others = vec![Other::new(2, 100.0 - away_m, 3.5, 10.0)];
+        let neighbours = drive.with_situation(|_, situation| situation.neighbours.to_vec());
+        let row = rows_of(&mut drive, &neighbours, true).rear[0];
+        assert_eq!(row.neighbour, Some(2));
+        // The collision level leaves the headway, but 2 m, out.
+        assert!((row.h0_m - row.h - 11.9).abs() < 1e-9, "{row:?}");
+        row.lower
+    };
+    // Inside the set it may come no nearer.
+    assert!(lower(3.0) > -8.0);
+    let near = lower(26.0);
+    assert!(near > -8.0 && near < 1e4, "{near}");
+    assert!(lower(80.0) < -1e300);
+}
