@@ -226,14 +226,16 @@ mod tests {
         assert!(settings.validate().is_err());
     }
 
+    type Change = fn(&mut SafetySettings);
+
     #[test]
     fn settings_that_contradict_each_other_are_named() {
-        let refused = |change: fn(&mut SafetySettings)| {
+        let refused = |change: Change| {
             let mut settings = ControlSettings::default();
             change(&mut settings.safety);
             settings.validate().expect_err("refused").to_string()
         };
-        let cases: [(fn(&mut SafetySettings), &str); 7] = [
+        let cases: [(Change, &str); 7] = [
             (|s| s.noise_speed_mps = 0.08, "`noise_speed_mps` is 0.08"),
             (
                 |s| s.noise_curvature_per_m = 0.003,
