@@ -82,13 +82,21 @@ impl Controller {
     }
 
     /// Adds a barrier of one's own: h = p'x + q in road coordinates x = [s, d, psi, v]. Its row is
-    /// p'g(x) u, with which steering and acceleration are coupled, so that Clarabel solves the QP.
+    /// p'g(x) u, with which steering and acceleration are coupled, so that Clarabel solves the QP,
+    /// whatever solver the settings name. The row is tightened by the bounds of the process noise.
+    /// Only [`Mode::Safe`] has it.
+    ///
+    /// A position p_s, p_d needs a part in speed or heading to be kept, say p = [-1, 0, 0, -2] to
+    /// stop before some s: g(x) has no row for positions, so without it u is not in the constraint.
     ///
     /// # Errors
-    /// When a number is not finite.
+    /// When a number is not finite, or p_psi = p_v = 0.
     pub fn add_barrier(&mut self, barrier: AffineBarrier) -> Result<(), SettingsError> {
         if !barrier.is_finite() {
             return Err(SettingsError::Barrier);
+        }
+        if barrier.p[2] == 0.0 && barrier.p[3] == 0.0 {
+            return Err(SettingsError::BarrierWithoutInput);
         }
         self.barriers.push(barrier);
         Ok(())

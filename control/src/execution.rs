@@ -1,5 +1,6 @@
 use covista_world::{Action, LaneIndex};
 
+use crate::barriers::ROUNDING_M;
 use crate::barriers::lateral::{Lateral, Strip};
 use crate::manoeuvre::{Course, lane_of};
 use crate::path::LateralPath;
@@ -159,7 +160,13 @@ pub fn running(
     to: LaneIndex,
     safety: &SafetySettings,
 ) -> Course {
-    if h_lateral_m(situation, to, safety) >= 0.0 {
+    // What still reaches over the edge beside the axle can't stay within.
+    let ego = &situation.ego;
+    let (right_m, left_m) = situation.road().lane_bounds_m(to);
+    let room_m = (left_m - ego.frenet.d_m).min(ego.frenet.d_m - right_m);
+    let is_inside = room_m >= 0.5 * ego.dimensions.width_m - ROUNDING_M;
+    // Rounding must not let the body back into the other lane.
+    if is_inside && h_lateral_m(situation, to, safety) >= -ROUNDING_M {
         Course {
             current: None,
             target: Some(to),

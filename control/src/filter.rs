@@ -12,7 +12,8 @@ use crate::{QpSettings, Solver};
 pub struct Filtered {
     /// The input nearest to the reference.
     pub u: ControlInput,
-    /// `Nominal`, `Filtered` or `Relaxed`; `Backup` where there is no answer.
+    /// `Nominal`, `Filtered`, or `Relaxed` where a hard row is missed; `Backup` where there is no
+    /// answer.
     pub outcome: FilterOutcome,
     /// The row that moved it.
     pub binding: Option<BarrierKind>,
@@ -84,9 +85,10 @@ fn project(reference: ControlInput, rows: &Rows) -> ControlInput {
             accel_mps2: accel,
         };
     }
-    // The rows exclude each other: the lowest barrier decides, and the vehicle gains no speed.
+    // The rows exclude each other: the lowest barrier decides, and the vehicle gains no speed. A
+    // barrier that no steering can meet decides nothing.
     let lowest = (rows.hard.iter())
-        .filter(|row| row.input == Input::TanDelta)
+        .filter(|row| row.input == Input::TanDelta && row.h.is_finite())
         .min_by(|a, b| a.h.total_cmp(&b.h));
     let tan = lowest.map_or(0.0, |row| reference.tan_delta.max(row.lower).min(row.upper));
     ControlInput {
@@ -95,7 +97,8 @@ fn project(reference: ControlInput, rows: &Rows) -> ControlInput {
     }
 }
 
-/// The same by Clarabel: with zeta = 0; then with slack for followers; then for every row.
+/// The same by Clarabel: with zeta = 0; then with slack for followers; then for the user's own
+/// barriers, which must not outbid the others; then for every row.
 fn solve(
     reference: ControlInput,
     rows: &Rows,
@@ -108,11 +111,11 @@ fn solve(
         accel_min_mps2: rows.bounds.accel_min_mps2 - 1e-6,
         ..rows.bounds
     };
-    let stages = [(false, false), (false, true), (true, true)];
-    stages.into_iter().find_map(|(soft, soft_rear)| {
+    (0..4).find_map(|stage| {
+        let (soft_rear, soft_own, soft) = (stage > 0, stage > 1, stage > 2);
         let hard = (rows.hard.iter()).flat_map(|row| Inequality::of_row(row, soft));
         let rear = (rows.rear.iter()).flat_map(|row| Inequality::of_row(row, soft_rear));
-        let affine = (affine.iter()).map(|row| Inequality::of_affine(row, soft));
+        let affine = (affine.iter()).map(|row| Inequality::of_affine(row, soft_own));
         let inequalities = hard.chain(rear).chain(affine);
         qp.solve(reference, inequalities, roomy, settings.slack_price)
             .map(|solution| solution.u)
@@ -123,9 +126,10 @@ fn every(rows: &Rows) -> impl Iterator<Item = &Row> {
     rows.hard.iter().chain(&rows.rear)
 }
 
-/// Whether `u` meets every row, but for rounding.
+/// Whether `u` meets every hard row, but for rounding. What it misses of those towards followers is
+/// reported by itself.
 fn nearly_met(u: ControlInput, rows: &Rows, affine: &[AffineRow]) -> bool {
-    every(rows).all(|row| row.violation(u) <= 10.0 * ROUNDING)
+    (rows.hard.iter()).all(|row| row.violation(u) <= 10.0 * ROUNDING)
         && affine.iter().all(|row| row.shortfall(u) <= 10.0 * ROUNDING)
 }
 

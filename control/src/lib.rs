@@ -14,7 +14,8 @@
 //!
 //! The barriers are not affine in x: every one is turned into the exact interval that it leaves to
 //! one component of u (module `barriers`), so the QP's rows carry no linearisation error. A gap is
-//! the arc length of the lane itself from the ego vehicle's front to the other's rear bumper.
+//! the arc length of the lane itself from the circle round the rear axle that holds the ego
+//! vehicle's front to the circle that holds the other vehicle at any heading.
 //!
 //! After a lane change has begun the rows towards followers are no longer hard: what they lack is
 //! reported as [`ControlOutput::rear_slack_mps2`].
@@ -58,5 +59,5 @@ pub use settings::{
     ControlSettings, Formulation, Mode, QpSettings, ReferenceSettings, SafetySettings,
     SettingsError, Solver,
 };
-pub use sight::{SightLine, clear_until_m};
+pub use sight::{Clear, SightLine, clear_until_m};
 pub use situation::{EgoState, Situation};

@@ -2,7 +2,8 @@
 /// `None` when it is negative at `low` already.
 ///
 /// The answer is on the safe side: its own margin was computed and is not negative. False position
-/// with the Illinois rule, every third step a bisection, so that jumps do no harm.
+/// with the rule of Anderson and Björck, and a bisection where three steps did not halve the
+/// bracket, so that jumps do no harm.
 pub(crate) fn largest(low: f64, high: f64, margin: impl Fn(f64) -> f64) -> Option<f64> {
     let (mut no, mut at_no) = (high, margin(high));
     if at_no >= 0.0 {
@@ -13,34 +14,44 @@ pub(crate) fn largest(low: f64, high: f64, margin: impl Fn(f64) -> f64) -> Optio
         return None;
     }
     let mut last_was_yes = None;
-    for step in 0..200 {
+    let mut widths = [f64::INFINITY; 3];
+    for _ in 0..200 {
         let width = no - yes;
-        if width <= WIDTH * (1.0 + yes.abs()) {
+        let enough = WIDTH * (1.0 + yes.abs());
+        if width <= enough {
             break;
         }
+        let is_slow = width > 0.5 * widths[0];
+        widths = if is_slow {
+            [f64::INFINITY; 3]
+        } else {
+            [widths[1], widths[2], width]
+        };
         let share = at_yes / (at_yes - at_no);
-        let x = if step % 3 == 2 || !(share > 0.0 && share < 1.0) {
+        let x = if is_slow || !(share > 0.0 && share < 1.0) {
             yes + 0.5 * width
         } else {
-            yes + share * width
+            // A hair off either end, so that an end that is the answer is found to be.
+            (yes + share * width).clamp(yes + 0.5 * enough, no - 0.5 * enough)
         };
         let at_x = margin(x);
         let is_yes = at_x >= 0.0;
+        let again = last_was_yes == Some(is_yes);
         if is_yes {
+            at_no *= if again { shrunk(at_x / at_yes) } else { 1.0 };
             (yes, at_yes) = (x, at_x);
         } else {
+            at_yes *= if again { shrunk(at_x / at_no) } else { 1.0 };
             (no, at_no) = (x, at_x);
-        }
-        if last_was_yes == Some(is_yes) {
-            if is_yes {
-                at_no *= 0.5;
-            } else {
-                at_yes *= 0.5;
-            }
         }
         last_was_yes = Some(is_yes);
     }
     Some(yes)
+}
+
+/// How much less the end counts that stayed, when the margin at the other fell to this `share`.
+fn shrunk(share: f64) -> f64 {
+    if share < 1.0 { 1.0 - share } else { 0.5 }
 }
 
 /// The answer is this near to the largest, in its own units.

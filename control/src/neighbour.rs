@@ -1,6 +1,7 @@
 use covista_world::{Action, FrenetPoint, LaneIndex, Road, Se2Pose, StationId, Track};
 use nalgebra::{Rotation2, Vector2};
 
+use crate::profile::path_curvature;
 use crate::situation::lateral_extent_m;
 use crate::{EgoState, LaneSet, SafetySettings};
 
@@ -26,16 +27,18 @@ pub struct Neighbour {
     pub speed_mps: f64,
     /// Length of its body.
     pub length_m: f64,
-    /// Road s of its rear bumper if it braked with b_l ever since it was measured.
+    /// Metres of the road from its centre within which its body lies at any heading.
+    pub reach_m: f64,
+    /// Road s of its rearmost point at any heading, if it braked with b_l ever since it was measured.
     pub worst_s_rear_m: f64,
     /// Its speed then.
     pub worst_slow_mps: f64,
-    /// Road s of its rear bumper if it accelerated as the ego vehicle can ever since it was
-    /// measured.
+    /// The same, if it accelerated as the ego vehicle can ever since it was measured.
     pub best_s_rear_m: f64,
     /// Its speed then.
     pub best_fast_mps: f64,
-    /// Road s of its front bumper if it accelerated with a_b ever since it was measured.
+    /// Road s of its foremost point at any heading, if it accelerated with a_b ever since it was
+    /// measured.
     pub worst_s_front_m: f64,
     /// Its speed then.
     pub worst_fast_mps: f64,
@@ -88,17 +91,33 @@ impl Neighbour {
         let (d_right_m, d_left_m) = (right_m + sideways_m, left_m + sideways_m);
 
         let driven_so_far_m = speed_mps * age_s;
-        let slow_mps = (speed_mps - speed_error_mps).max(0.0);
+        let way_m =
+            |speed_mps: f64, accel_mps2: f64| speed_mps * age_s + 0.5 * accel_mps2 * age_s.powi(2);
+        let across_m = position_error_m + velocity.y.abs() * age_s;
+        let along_m = position_error_m
+            + way_m(
+                speed_mps + speed_error_mps,
+                settings.accel_max_mps2.max(settings.follower_accel_mps2),
+            );
+        let reach_m = 2.0 * (along_m + half.norm());
+        let span_m = [center.s_m - reach_m, center.s_m + reach_m];
+        let metres = MetresOfRoad::around(road, span_m, center, across_m);
+        // Whatever its heading is, or will be, its body lies within a circle, in a larger one if
+        // its place or its length is wrong.
+        let around_m = |radius_m| circle_m(road, radius_m, metres.curvature_per_m);
+        let circle_m = around_m(half.norm());
+        let worst_circle_m = around_m(half.norm() + position_error_m);
+        // Elsewhere on a curve some of its speed across the road is along it, and the other way round.
+        let turned_rad = metres.sharpest_per_m * along_m;
+        let turned_mps = turned_rad * (velocity.y.abs() + turned_rad * speed_mps);
+
+        let slow_mps = (speed_mps - speed_error_mps - turned_mps).max(0.0);
         let braking_s = age_s.min(slow_mps / settings.leader_brake_mps2);
         let braked_m = slow_mps * braking_s - 0.5 * settings.leader_brake_mps2 * braking_s.powi(2);
-        let fast_mps = speed_mps + speed_error_mps;
-        let driven_m = fast_mps * age_s + 0.5 * settings.follower_accel_mps2 * age_s.powi(2);
+        let fast_mps = speed_mps + speed_error_mps + turned_mps;
+        let driven_m = way_m(fast_mps, settings.follower_accel_mps2);
+        let farthest_m = way_m(fast_mps, settings.accel_max_mps2);
 
-        let farthest_m = fast_mps * age_s + 0.5 * settings.accel_max_mps2 * age_s.powi(2);
-        let reach_m = 2.0 * driven_m + position_error_m;
-        let metres = MetresOfRoad::around(road, [rear_m - reach_m, front_m + reach_m], center);
-        // Meanwhile it may have turned: then a corner reaches as far as half the diagonal.
-        let behind_m = if age_s > 0.0 { half.norm() } else { 0.0 };
         let heard_s = track.station.and_then(|station| track.seen_by(station));
         let intends =
             heard_s.is_some_and(|heard_s| now_s - heard_s <= settings.announcement_s + 1e-9);
@@ -120,15 +139,12 @@ impl Neighbour {
             d_left_m,
             speed_mps,
             length_m: state.length_m,
-            worst_s_rear_m: center.s_m - behind_m.max(center.s_m - rear_m) * metres.most_by_here
-                + braked_m * metres.least
-                - position_error_m * metres.most,
+            reach_m: circle_m,
+            worst_s_rear_m: center.s_m - worst_circle_m + braked_m * metres.least,
             worst_slow_mps: (slow_mps - settings.leader_brake_mps2 * age_s).max(0.0),
-            best_s_rear_m: rear_m + (farthest_m + position_error_m) * metres.most,
+            best_s_rear_m: center.s_m - circle_m + (farthest_m + position_error_m) * metres.most,
             best_fast_mps: fast_mps + settings.accel_max_mps2 * age_s,
-            worst_s_front_m: center.s_m
-                + behind_m.max(front_m - center.s_m) * metres.most_by_here
-                + (driven_m + position_error_m) * metres.most,
+            worst_s_front_m: center.s_m + worst_circle_m + driven_m * metres.most,
             worst_fast_mps: fast_mps + settings.follower_accel_mps2 * age_s,
             action: track.action.filter(|_| intends),
             announced_s: track.announced_s.filter(|_| intends),
@@ -163,6 +179,7 @@ impl Neighbour {
             self.d_left_m,
             self.speed_mps,
             self.length_m,
+            self.reach_m,
             self.worst_s_rear_m,
             self.worst_slow_mps,
             self.best_s_rear_m,
@@ -176,27 +193,53 @@ impl Neighbour {
     }
 }
 
+/// A parallel is not taken to be shorter than this share of the reference line.
+const LEAST_SHARE: f64 = 0.5;
+/// A road less curved than this is straight.
+const STRAIGHT_PER_M: f64 = 1e-9;
+
 /// Metres of the reference line per metre driven at an offset d: 1 / (1 - kappa d).
 struct MetresOfRoad {
     least: f64,
     mean: f64,
     most: f64,
-    /// The most by what it is where the vehicle was measured.
-    most_by_here: f64,
+    /// The sharpest curvature of the road there, and that of a parallel.
+    curvature_per_m: f64,
+    sharpest_per_m: f64,
 }
 
 impl MetresOfRoad {
-    fn around(road: &Road, [from_m, to_m]: [f64; 2], center: FrenetPoint) -> Self {
+    /// Between two road s, within `across_m` of the offset of `center`.
+    fn around(road: &Road, [from_m, to_m]: [f64; 2], center: FrenetPoint, across_m: f64) -> Self {
         let (right, left) = road.curvature_range(from_m, to_m);
-        let per_metre = |curvature: f64| 1.0 / (1.0 - curvature * center.d_m).max(0.5);
-        let (one, other) = (per_metre(right), per_metre(left));
+        let per_metre = |curvature: f64, d_m: f64| 1.0 / (1.0 - curvature * d_m).max(LEAST_SHARE);
+        let [one, other] = [right, left].map(|curvature| per_metre(curvature, center.d_m));
+        let [low, high] = [center.d_m - across_m, center.d_m + across_m];
+        let all = [(right, low), (right, high), (left, low), (left, high)];
+        let each = all.map(|(curvature, d_m)| per_metre(curvature, d_m));
+        let most = each.iter().fold(1.0_f64, |most, each| most.max(*each));
+        let curvature_per_m = right.abs().max(left.abs());
         Self {
-            least: one.min(other),
+            least: each.iter().fold(1.0, |least, each| least.min(*each)),
             mean: 0.5 * (one + other),
-            most: one.max(other),
-            most_by_here: one.max(other) / per_metre(road.curvature(center.s_m)),
+            most,
+            curvature_per_m,
+            sharpest_per_m: curvature_per_m * most,
         }
     }
+}
+
+/// How far a circle of radius `radius_m` reaches along a road of curvature `curvature_per_m`: seen
+/// from the centre of curvature it spans asin(r k) with k the curvature of its parallel. With the
+/// sharpest of all parallels, so that sliding across the road brings it no nearer.
+fn circle_m(road: &Road, radius_m: f64, curvature_per_m: f64) -> f64 {
+    if curvature_per_m < STRAIGHT_PER_M {
+        return radius_m;
+    }
+    (radius_m * path_curvature(curvature_per_m, road))
+        .min(1.0)
+        .asin()
+        / curvature_per_m
 }
 
 fn fold_s(points: &[FrenetPoint; 4], pick: fn(f64, f64) -> f64) -> f64 {

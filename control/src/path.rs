@@ -84,10 +84,8 @@ impl LateralPath {
         );
         let first = (after - before) / (2.0 * DIFFERENCE_M);
         let second = (after - 2.0 * here + before) / (DIFFERENCE_M * DIFFERENCE_M);
-        let along = road
-            .reference(s_m)
-            .0
-            .inverse_transform(road.reference(s_m).0.position() + first);
+        let (reference, _) = road.reference(s_m);
+        let along = reference.inverse_transform(reference.position() + first);
         PathPoint {
             d_m: self.d_m(s_m),
             psi_rad: along.y.atan2(along.x),

@@ -5,7 +5,8 @@ use covista_world::{LANE_COUNT, Road, STEP_S};
 use crate::{ControlSettings, ReferenceSettings, SafetySettings};
 
 /// What the controller needs of a road, computed once for a road and its settings: how fast the
-/// curvature ahead lets a vehicle be that brakes as hard as it can, or comfortably.
+/// curvature ahead lets a vehicle be that brakes as hard as it can, or comfortably. A clone shares
+/// it.
 #[derive(Debug, Clone)]
 pub struct RoadProfile {
     road: Arc<Road>,
@@ -50,7 +51,12 @@ impl RoadProfile {
         self.hardest.speed_mps(s_m)
     }
 
-    /// The same with the reference's comfortable braking.
+    /// The least of it between two road s.
+    pub fn least_speed_limit_mps(&self, [from_m, to_m]: [f64; 2]) -> f64 {
+        self.hardest.least_mps(from_m, to_m)
+    }
+
+    /// The same as [`Self::speed_limit_mps`] with the reference's comfortable braking.
     pub fn comfortable_speed_mps(&self, s_m: f64) -> f64 {
         self.comfortable.speed_mps(s_m)
     }
@@ -114,9 +120,9 @@ const STRETCH_M: f64 = 2.0;
 struct SpeedProfile {
     brake_mps2: f64,
     /// V of each stretch alone.
-    own: Vec<f64>,
+    own: Arc<[f64]>,
     /// V at the start of each stretch, with all that lies ahead.
-    ahead: Vec<f64>,
+    ahead: Arc<[f64]>,
 }
 
 impl SpeedProfile {
@@ -135,8 +141,8 @@ impl SpeedProfile {
         }
         Self {
             brake_mps2,
-            own,
-            ahead,
+            own: own.into(),
+            ahead: ahead.into(),
         }
     }
 
@@ -150,7 +156,21 @@ impl SpeedProfile {
             (self.own[stretch], (stretch + 1).min(last))
         };
         let way_m = (STRETCH_M * next as f64 - s_m).max(0.0);
-        let squared = here.min(self.ahead[next] + 2.0 * self.brake_mps2 * way_m);
+        self.of_squared(here.min(self.ahead[next] + 2.0 * self.brake_mps2 * way_m))
+    }
+
+    /// Within a stretch the speed does not rise, so that the least is at `to_m` or at the end of a
+    /// stretch before.
+    fn least_mps(&self, from_m: f64, to_m: f64) -> f64 {
+        let stretch = |s_m: f64| (s_m.max(0.0) / STRETCH_M) as usize;
+        let last = self.own.len() - 1;
+        (stretch(from_m)..stretch(to_m))
+            .map(|i| self.own[i.min(last)].min(self.ahead[(i + 1).min(last)]))
+            .map(|squared| self.of_squared(squared))
+            .fold(self.speed_mps(to_m), f64::min)
+    }
+
+    fn of_squared(&self, squared: f64) -> f64 {
         let half = 0.5 * self.brake_mps2 * STEP_S;
         (squared + half * half).sqrt() - half
     }

@@ -55,7 +55,7 @@ fn accel(
     // The paper's references track a trajectory and leave the distance to its QP.
     let heeds_others = settings.mode != Mode::Paper;
     for ahead in ahead_in(situation, course).filter(|_| heeds_others) {
-        wanted_mps = wanted_mps.min(sight_speed_mps(situation, &ahead, settings));
+        wanted_mps = sight_speed_mps(situation, &ahead, wanted_mps, settings);
         for leader in leaders(situation, &ahead) {
             let leaving = ahead.leaves_round(leader, &settings.safety);
             if leaving {
@@ -111,10 +111,11 @@ fn curve_speed_mps(situation: &Situation<'_>, settings: &ControlSettings) -> f64
 /// The end of the sight stays where it is until the next sweep.
 const SIGHT_PREVIEW_S: f64 = 0.2;
 
-/// The speed from which the sight allows to stop.
+/// The speed up to `wanted_mps` from which the sight allows to stop.
 fn sight_speed_mps(
     situation: &Situation<'_>,
     ahead: &Ahead<'_>,
+    wanted_mps: f64,
     settings: &ControlSettings,
 ) -> f64 {
     let safety = &settings.safety;
@@ -126,6 +127,7 @@ fn sight_speed_mps(
     };
     let closing = Closing::new(safety, 1.0, 1.0);
     let driven_m = SIGHT_PREVIEW_S * situation.ego.state.speed_mps;
-    let limit = closing.max_speed_mps(gap.gap_m - keep_m - driven_m, 0.0, 80.0);
-    settings.reference.speed_share * limit.unwrap_or(0.0)
+    let share = settings.reference.speed_share;
+    let limit = closing.max_speed_mps(gap.gap_m - keep_m - driven_m, 0.0, wanted_mps / share);
+    wanted_mps.min(share * limit.unwrap_or(0.0))
 }

@@ -155,7 +155,11 @@ fn straight_on(situation: &Situation<'_>) -> FrenetPose {
         ..
     } = &situation.ego;
     let straight = bicycle_step(*state, Default::default(), dimensions.wheelbase_m);
-    let about_m = frenet.s_m + state.speed_mps * frenet.psi_rad.cos() * STEP_S;
+    // On an arc this is where it gets to but for the third order of the step.
+    let (sin, cos) = frenet.psi_rad.sin_cos();
+    let way_m = state.speed_mps * STEP_S;
+    let stretch = 1.0 - frenet.curvature_per_m * (frenet.d_m + way_m * sin);
+    let about_m = frenet.s_m + way_m * cos / stretch.max(0.2);
     let road = situation.road();
     road.to_frenet_pose_near(straight.pose, about_m)
 }
@@ -186,11 +190,7 @@ pub fn longitudinal(
         }
     }
     let ego = &situation.ego;
-    // Side slip may turn the way along the road.
-    let slip_m =
-        ego.state.speed_mps * STEP_S * safety.noise_slip_rad * ego.frenet.psi_rad.sin().abs();
-    let noise_m = (safety.noise_position_m + slip_m) * situation.profile.longest_metre();
-    let next_s_m = next.s_m + noise_m;
+    let next_s_m = next_s_m(situation, next, safety);
     let (s_m, speed_mps) = (ego.frenet.s_m, ego.state.speed_mps);
     visit(&CurveSpeed::new(
         situation.profile,
@@ -199,6 +199,16 @@ pub fn longitudinal(
         speed_mps,
         safety,
     ));
+}
+
+/// From where to where on the road the ego vehicle may be one step on: with the noise in position,
+/// and side slip that turns the way along the road.
+fn next_s_m(situation: &Situation<'_>, next: &FrenetPose, safety: &SafetySettings) -> [f64; 2] {
+    let ego = &situation.ego;
+    let slip_m =
+        ego.state.speed_mps * STEP_S * safety.noise_slip_rad * ego.frenet.psi_rad.sin().abs();
+    let noise_m = (safety.noise_position_m + slip_m) * situation.profile.longest_metre();
+    [next.s_m - noise_m, next.s_m + noise_m]
 }
 
 /// The end of sight that counts: behind tracked vehicles, as long as each of these has a row that

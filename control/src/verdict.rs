@@ -194,7 +194,7 @@ impl Judge<'_> {
 
     /// Why a vehicle has to be counted to lane `to`: a CAV announced it before the ego vehicle did
     /// (ties by station id), or the intention of a vehicle on the lane's far side is unknown: a
-    /// human's, and a CAV's that was not heard lately.
+    /// human's, and a CAV's that was not heard lately. One that surely stands stays where it is.
     fn may_enter(
         &self,
         neighbour: &Neighbour,
@@ -211,7 +211,7 @@ impl Judge<'_> {
                     .then_some(BarrierKind::Arbitration)
             }
             None => {
-                let moves = neighbour.speed_mps > STANDING_MPS;
+                let moves = neighbour.best_fast_mps > STANDING_MPS;
                 let beside = [to.left(), to.right()]
                     .into_iter()
                     .flatten()

@@ -1,14 +1,19 @@
+use std::f64::consts::{PI, TAU};
+
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// The angle that is equal to `angle_rad` modulo 2 pi and lies in (-pi, pi].
 pub fn wrap_angle(angle_rad: f64) -> f64 {
-    let wrapped = angle_rad.rem_euclid(std::f64::consts::TAU);
-    if wrapped > std::f64::consts::PI {
-        wrapped - std::f64::consts::TAU
+    // Within a turn, as nearly all are, it needs no remainder.
+    let wrapped = if (0.0..TAU).contains(&angle_rad) {
+        angle_rad
+    } else if -TAU < angle_rad && angle_rad < 0.0 {
+        angle_rad + TAU
     } else {
-        wrapped
-    }
+        angle_rad.rem_euclid(TAU)
+    };
+    if wrapped > PI { wrapped - TAU } else { wrapped }
 }
 
 /// A position and a heading in the plane, in metres and radians.
@@ -91,7 +96,6 @@ mod tests {
 
     #[test]
     fn wraps_into_the_half_open_interval() {
-        use std::f64::consts::PI;
         assert!((wrap_angle(3.0 * PI) - PI).abs() < 1e-12);
         assert!((wrap_angle(-PI) - PI).abs() < 1e-12);
         assert!((wrap_angle(-0.5) + 0.5).abs() < 1e-12);

@@ -151,8 +151,11 @@ impl Node {
 
     fn pose_at(&self, ds: f64) -> Se2Pose {
         let position = self.position_at(ds);
-        let yaw_rad = self.pose.yaw_rad + self.turned_at(ds);
-        Se2Pose::new(position.x, position.y, wrap_angle(yaw_rad))
+        Se2Pose::new(position.x, position.y, self.yaw_at(ds))
+    }
+
+    fn yaw_at(&self, ds: f64) -> f64 {
+        wrap_angle(self.pose.yaw_rad + self.turned_at(ds))
     }
 }
 
@@ -160,6 +163,9 @@ impl Node {
 /// up to half a radian, without a call of the library.
 fn unit_vector(angle_rad: f64) -> Vector2<f64> {
     let x = angle_rad;
+    if x == 0.0 {
+        return Vector2::new(1.0, 0.0);
+    }
     let q = x * x;
     let cos =
         1.0 - q / 2.0 * (1.0 - q / 12.0 * (1.0 - q / 30.0 * (1.0 - q / 56.0 * (1.0 - q / 90.0))));
@@ -184,6 +190,8 @@ struct Stretch {
     to_m: f64,
     from_per_m: f64,
     to_per_m: f64,
+    /// Change of curvature per metre.
+    sharpness: f64,
     /// Angle turned from the start of the road to that of the segment.
     turned_rad: f64,
     first_node: usize,
@@ -198,9 +206,8 @@ impl Stretch {
 
     /// Angle turned from the start of the road to `s_m`, in the segment or at its nearer end.
     fn turned_rad(&self, s_m: f64) -> f64 {
-        let s_m = s_m.clamp(self.from_m, self.to_m);
-        let mean_per_m = 0.5 * (self.from_per_m + self.curvature(s_m));
-        self.turned_rad + mean_per_m * (s_m - self.from_m)
+        let way_m = s_m.clamp(self.from_m, self.to_m) - self.from_m;
+        self.turned_rad + (self.from_per_m + 0.5 * self.sharpness * way_m) * way_m
     }
 }
 
@@ -267,6 +274,7 @@ impl Road {
                 to_m: from_m + length,
                 from_per_m: from,
                 to_per_m: to,
+                sharpness,
                 first_node: nodes.len() - 1,
                 nodes_per_m: 1.0 / ds,
             });
@@ -364,6 +372,16 @@ impl Road {
             return (straight, 0.0);
         }
         (node.pose_at(ds), node.curvature_at(ds))
+    }
+
+    /// Heading and curvature of the reference line at `s_m`.
+    fn heading(&self, s_m: f64) -> (f64, f64) {
+        let node = self.node_before(s_m);
+        if self.is_beyond_ends(s_m) {
+            return (wrap_angle(node.pose.yaw_rad), 0.0);
+        }
+        let ds = s_m - node.s_m;
+        (node.yaw_at(ds), node.curvature_at(ds))
     }
 
     /// As [`Road::reference`], without any angle.
@@ -510,11 +528,11 @@ impl Road {
     }
 
     fn frenet_pose_at(&self, pose: Se2Pose, point: FrenetPoint) -> FrenetPose {
-        let (reference, curvature_per_m) = self.reference(point.s_m);
+        let (yaw_rad, curvature_per_m) = self.heading(point.s_m);
         FrenetPose {
             s_m: point.s_m,
             d_m: point.d_m,
-            psi_rad: wrap_angle(pose.yaw_rad - reference.yaw_rad),
+            psi_rad: wrap_angle(pose.yaw_rad - yaw_rad),
             curvature_per_m,
         }
     }

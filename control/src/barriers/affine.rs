@@ -68,7 +68,8 @@ impl AffineBarrier {
             + self.p[3] * dynamics.g[1] * u.accel_mps2
     }
 
-    /// The row `p'g(x) u >= (1 - eta) h(x) - p'f(x) - q + noise`.
+    /// The row `p'g(x) u >= (1 - eta) h(x) - p'f(x) - q + noise`, with h(x) itself in the place of
+    /// `(1 - eta) h(x)` where it is negative.
     pub fn row(&self, kind: BarrierKind, dynamics: &Dynamics, eta: f64, noise: f64) -> AffineRow {
         AffineRow {
             kind,

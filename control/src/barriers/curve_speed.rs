@@ -14,18 +14,18 @@ pub struct CurveSpeed<'a> {
 }
 
 impl<'a> CurveSpeed<'a> {
-    /// At road s `s_m`; `next_s_m` is where the vehicle is one step on, noise included.
+    /// At road s `s_m`; `next_s_m` is from where to where the vehicle may be one step on.
     pub fn new(
         profile: &RoadProfile,
         s_m: f64,
-        next_s_m: f64,
+        next_s_m: [f64; 2],
         speed_mps: f64,
         safety: &'a SafetySettings,
     ) -> Self {
         Self {
             safety,
             speed_mps,
-            limit_next_mps: profile.speed_limit_mps(next_s_m),
+            limit_next_mps: profile.least_speed_limit_mps(next_s_m),
             h_mps: profile.speed_limit_mps(s_m) - speed_mps,
         }
     }

@@ -55,7 +55,7 @@ impl Gap {
         leader_next_mps: f64,
     ) -> f64 {
         let v = self.speed_mps;
-        let budget = self.gap_next_m(closing) - keep_m - target_m;
+        let budget = self.gap_next_m(closing) - keep_m - target_m + ROUNDING_A_STEP_M;
         // A brake that just holds the row may miss it by rounding.
         let budget = if budget > -1e-9 {
             budget.max(0.0)
@@ -75,6 +75,10 @@ impl Gap {
     }
 }
 
+/// Rounding of positions some kilometres along the road: hardest braking holds a row exactly, also
+/// where D is flat, and must not miss it for that.
+const ROUNDING_A_STEP_M: f64 = 5e-12;
+
 /// What the front rows of one lane have in common.
 #[derive(Debug, Clone, Copy)]
 pub struct Ahead<'a> {
@@ -91,6 +95,8 @@ pub struct Ahead<'a> {
     pub leaving: bool,
     /// c_min and c_max of the ego vehicle.
     pub rates: ArcRates,
+    /// The bounds on a vehicle of which any part is in this lane.
+    pub rates_in_lane: ArcRates,
     /// How far ahead of the rear axle the body's front may be, in metres of the lane.
     reach_m: f64,
     /// Offset d of the lane's centre, and the angle that the road has turned up to the ego vehicle.
@@ -116,6 +122,7 @@ impl<'a> Ahead<'a> {
             kind,
             leaving,
             rates,
+            rates_in_lane: ArcRates::new(road, road.lane_width_m()),
             reach_m: rates.high * ego.front_reach_m(),
             center_m: road.lane_center_m(lane),
             turned_rad: road.turned_rad(ego.frenet.s_m),
@@ -124,12 +131,7 @@ impl<'a> Ahead<'a> {
 
     /// How the ego vehicle and a leader of this lane close in.
     pub fn closing(&self, safety: &SafetySettings) -> Closing {
-        Closing::new(safety, self.rates.high, self.rates_in_lane().low)
-    }
-
-    /// The bounds on a vehicle that keeps this lane.
-    pub fn rates_in_lane(&self) -> ArcRates {
-        ArcRates::new(self.road, self.road.lane_width_m() / 2.0)
+        Closing::new(safety, self.rates.high, self.rates_in_lane.low)
     }
 
     /// Arc length of the lane's centre line from the rear axle to road s `s_m`, signed: a parallel
@@ -144,9 +146,9 @@ impl<'a> Ahead<'a> {
         self.arc_to_m(s_m) - self.reach_m
     }
 
-    /// Bumper distance to the best estimate of `leader`.
+    /// Bumper distance to the best estimate of `leader`, whatever its heading.
     pub fn measured(&self, leader: &Neighbour) -> Gap {
-        self.gap(leader.s_rear_m, leader.speed_mps)
+        self.gap(leader.center_s_m() - leader.reach_m, leader.speed_mps)
     }
 
     /// Bumper distance to the worst member of what `leader` may be.
@@ -162,9 +164,11 @@ impl<'a> Ahead<'a> {
         }
     }
 
-    /// P_bumper = P_safe - (l_e + l_k) / 2.
+    /// P_bumper = P_safe - (l_e + l_k) / 2, but no less than the collision margin, which very long
+    /// vehicles would undercut.
     pub fn headway_bumper_m(&self, leader_length_m: f64, safety: &SafetySettings) -> f64 {
-        safety.headway_safe_m - 0.5 * (self.ego.dimensions.length_m + leader_length_m)
+        let half_lengths_m = 0.5 * (self.ego.dimensions.length_m + leader_length_m);
+        (safety.headway_safe_m - half_lengths_m).max(safety.collision_margin_m)
     }
 
     /// Whether the distance level towards `leader` is given up to drive round it.
@@ -290,7 +294,8 @@ impl Barrier for Front<'_> {
             _ if self.h_m >= -ROUNDING_M => self.limit_mps2(self.keep_m, self.h_m),
             None | Some(Excuse::Revised) => self.limit_mps2(self.keep_m, self.h_m),
             Some(Excuse::Leaving) => {
-                let slow = (self.safety.leaving_speed_mps - self.worst.speed_mps) / STEP_S;
+                let fastest_mps = self.safety.leaving_speed_mps - self.safety.noise_speed_mps;
+                let slow = (fastest_mps - self.worst.speed_mps) / STEP_S;
                 collision().min(slow)
             }
             Some(Excuse::CutIn | Excuse::Revealed) => collision().min(recovery_accel_mps2(

@@ -81,8 +81,9 @@ pub struct Lateral<'a> {
     strip: Strip,
     speed_mps: f64,
     now: FrenetPose,
-    /// At x+ when driving straight on.
+    /// At x+ when driving straight on, and from where to where on the road noise may take it.
     next: FrenetPose,
+    next_s_m: [f64; 2],
     /// How far a body's end lies off the parallel of the road through the rear axle.
     sagitta_m: f64,
     /// Metres of the road per metre driven, at the most.
@@ -91,6 +92,10 @@ pub struct Lateral<'a> {
     sharpest_per_m: f64,
     /// Counter-curvature that is left in any case: none for a vehicle above its speed limit.
     floor_per_m: f64,
+    /// Largest |tan(delta)| now.
+    lock: f64,
+    /// What the heading relative to the road may differ by after this step.
+    heading_noise_rad: f64,
     /// h at x of each side's front and rear.
     h_m: [[f64; 2]; 2],
 }
@@ -121,6 +126,7 @@ impl<'a> Lateral<'a> {
             speed_mps: v,
             now: ego.frenet,
             next,
+            next_s_m: [next.s_m; 2],
             sagitta_m: 0.5 * sharpest_per_m * (front_m.powi(2) + half_width_m.powi(2)),
             longest_metre: profile.longest_metre(),
             sharpest_per_m,
@@ -129,9 +135,21 @@ impl<'a> Lateral<'a> {
             } else {
                 f64::NEG_INFINITY
             },
+            lock: tan_delta_limit(v, ego.dimensions.wheelbase_m, safety),
+            heading_noise_rad: 0.0,
             h_m: [[0.0; 2]; 2],
         };
-        lateral.h_m = Side::BOTH.map(|side| [lateral.front_h_m(side), lateral.rear_h_m(side)]);
+        lateral.heading_noise_rad = lateral.heading_noise_rad(v, safety.overrun(v));
+        lateral.next_s_m = lateral.next_s_m();
+        let back = lateral.way_back(v);
+        lateral.h_m = Side::BOTH.map(|side| {
+            let room_m = lateral.edge_m(side) - side.sign() * lateral.now.d_m;
+            let psi_rad = side.sign() * lateral.now.psi_rad;
+            [
+                room_m - lateral.excursion_m([lateral.now.s_m; 2], &back, psi_rad),
+                room_m - lateral.rear_swing_m(psi_rad),
+            ]
+        });
         lateral
     }
 
@@ -147,7 +165,8 @@ impl<'a> Lateral<'a> {
     /// can't turn.
     pub fn barriers(&self, accel_mps2: f64) -> impl Iterator<Item = Steering<'_>> {
         let moves = self.speed_mps * STEP_S >= 1e-7;
-        let fastest_mps = self.next_mps(accel_mps2);
+        let back = self.way_back(self.next_mps(accel_mps2));
+        let next_room_m = Side::BOTH.map(|side| self.edge_m(side) - self.next_d_m(side));
         Side::BOTH
             .into_iter()
             .flat_map(|side| [(side, Part::Front), (side, Part::Rear)])
@@ -156,7 +175,8 @@ impl<'a> Lateral<'a> {
                 lateral: self,
                 side,
                 part,
-                fastest_mps,
+                next_room_m: next_room_m[side as usize],
+                back,
             })
     }
 
@@ -175,27 +195,22 @@ impl<'a> Lateral<'a> {
     /// The room that full counter-steering leaves at this acceleration, in metres: negative where
     /// no steering meets the front's rows.
     fn steering_room(&self, accel_mps2: f64) -> f64 {
-        let lock = tan_delta_limit(self.speed_mps, self.wheelbase_m, self.safety);
         self.barriers(accel_mps2)
             .filter(|steering| steering.part == Part::Front)
-            .map(|steering| steering.margin_m(steering.side.sign() * -lock))
+            .map(|steering| steering.margin_m(steering.side.sign() * -self.lock))
+            // An infinite excursion leaves no room, whatever it is to be compared with.
+            .map(|room_m| {
+                if room_m.is_nan() {
+                    f64::NEG_INFINITY
+                } else {
+                    room_m
+                }
+            })
             .fold(f64::INFINITY, f64::min)
     }
 
     fn next_mps(&self, accel_mps2: f64) -> f64 {
         (self.speed_mps + accel_mps2 * STEP_S + self.safety.noise_speed_mps).max(0.0)
-    }
-
-    /// The edge less the body's farthest reach on the way back.
-    fn front_h_m(&self, side: Side) -> f64 {
-        let reach_m =
-            self.excursion_m(self.now.s_m, self.speed_mps, side.sign() * self.now.psi_rad);
-        self.edge_m(side) - side.sign() * self.now.d_m - reach_m
-    }
-
-    fn rear_h_m(&self, side: Side) -> f64 {
-        let swing_m = self.rear_swing_m(side.sign() * self.now.psi_rad);
-        self.edge_m(side) - side.sign() * self.now.d_m - swing_m
     }
 
     fn edge_m(&self, side: Side) -> f64 {
@@ -212,16 +227,52 @@ impl<'a> Lateral<'a> {
         let step_m = self.speed_mps * STEP_S;
         let heading = side.sign() * self.now.psi_rad;
         let sideways = (heading + self.safety.noise_slip_rad).sin();
-        let farther = self.safety.overrun(self.speed_mps) * sideways.max(0.0);
+        // Driving towards the side a longer step is the worse one, away from it a shorter one.
+        let farther = self.safety.overrun(self.speed_mps) * sideways.abs();
         side.sign() * self.next.d_m + step_m * (sideways + farther - heading.sin())
+    }
+
+    /// From where to where on the road the vehicle may be at x+.
+    fn next_s_m(&self) -> [f64; 2] {
+        let step_m = self.speed_mps * STEP_S;
+        let slip = self.safety.noise_slip_rad * self.now.psi_rad.sin().abs();
+        let noise_m = self.longest_metre * step_m * (self.safety.overrun(self.speed_mps) + slip);
+        [self.next.s_m - noise_m, self.next.s_m + noise_m]
     }
 
     /// What the heading relative to the road may differ by after a step: the noise in curvature,
     /// and the road's turn over the noise in position.
-    fn heading_noise_rad(&self, speed_mps: f64) -> f64 {
-        let per_m = self.safety.noise_curvature_per_m
-            + self.sharpest_per_m * self.safety.overrun(speed_mps);
-        speed_mps * STEP_S * (1.0 + self.safety.overrun(speed_mps)) * per_m
+    fn heading_noise_rad(&self, speed_mps: f64, overrun: f64) -> f64 {
+        let per_m = self.safety.noise_curvature_per_m + self.sharpest_per_m * overrun;
+        speed_mps * STEP_S * (1.0 + overrun) * per_m
+    }
+
+    /// What it takes to steer back at `speed_mps`.
+    ///
+    /// For a sampled controller with noise the heading is taken larger by the side slip and by the
+    /// road's own turn within a step. The rear corner swings by as much when the way back ends.
+    ///
+    /// A slower vehicle has no less curvature of its own, so that braking never takes any: the share
+    /// of noise in position rises as the speed falls, and at the lock of the wheels counts in full.
+    fn way_back(&self, speed_mps: f64) -> WayBack {
+        let speed_mps = speed_mps.max(self.first_step_mps());
+        let overrun = self.safety.overrun(speed_mps);
+        let step_m = speed_mps * STEP_S * (1.0 + overrun);
+        let shift_rad = self.sharpest_per_m * step_m + self.safety.noise_slip_rad;
+        let swing = shift_rad + 2.0 * self.heading_noise_rad(speed_mps, overrun);
+        let lock = tan_delta_limit(speed_mps, self.wheelbase_m, self.safety);
+        let sure_per_m = |tan_delta: f64, overrun: f64| {
+            (tan_delta / self.wheelbase_m - self.safety.noise_curvature_per_m) / (1.0 + overrun)
+        };
+        let wheels = sure_per_m(self.safety.tan_delta_max, self.safety.overrun(0.0));
+        let own_per_m = sure_per_m(lock, overrun).min(wheels);
+        WayBack {
+            step_m,
+            shift_rad,
+            rear_m: self.rear_m * swing,
+            own_per_m,
+            least_per_m: (own_per_m - self.sharpest_per_m).max(self.floor_per_m),
+        }
     }
 
     /// How far from the rear axle's offset the body reaches to the left until a vehicle with
@@ -229,21 +280,16 @@ impl<'a> Lateral<'a> {
     ///
     /// At heading theta on the way the axle has moved by (cos theta - cos psi) / k_c, and the
     /// front corner lies x_f sin theta + w/2 cos theta off it: the sum peaks where
-    /// tan theta = x_f / (1/k_c + w/2). For a sampled controller with noise psi is taken larger by
-    /// the side slip and by the road's own turn within a step, and the step driven before the
-    /// steering acts joins, v Ts sin psi. The rear corner swings by as much when the way back ends.
-    fn excursion_m(&self, s_m: f64, speed_mps: f64, psi_rad: f64) -> f64 {
-        let speed_mps = speed_mps.max(self.first_step_mps());
-        let overrun = self.safety.overrun(speed_mps);
-        let step_m = speed_mps * STEP_S * (1.0 + overrun);
-        let shift = self.sharpest_per_m * step_m + self.safety.noise_slip_rad;
-        let swing = shift + 2.0 * self.heading_noise_rad(speed_mps);
-        let rear_m = self.rear_m * swing;
-        let psi = (psi_rad + shift).min(std::f64::consts::FRAC_PI_2);
+    /// tan theta = x_f / (1/k_c + w/2). The step driven before the steering acts joins,
+    /// v Ts sin psi.
+    ///
+    /// `s_m` is from where to where on the road it may be.
+    fn excursion_m(&self, s_m: [f64; 2], back: &WayBack, psi_rad: f64) -> f64 {
+        let psi = (psi_rad + back.shift_rad).min(std::f64::consts::FRAC_PI_2);
         if psi <= 0.0 {
-            return self.half_width_m + rear_m;
+            return self.half_width_m + back.rear_m;
         }
-        let counter = self.counter_curvature(s_m, speed_mps, overrun, psi);
+        let counter = self.counter_curvature(s_m, back, psi);
         if counter <= 0.0 {
             return f64::INFINITY;
         }
@@ -254,7 +300,7 @@ impl<'a> Lateral<'a> {
         } else {
             arm.hypot(self.front_m) - cos / counter
         };
-        corner + rear_m + step_m * sin
+        corner + back.rear_m + back.step_m * sin
     }
 
     /// At standstill there is no steering: what the first step's speed costs is counted before.
@@ -268,17 +314,14 @@ impl<'a> Lateral<'a> {
     ///
     /// The return takes as long a road as the least counter-curvature needs for the heading, so
     /// that its end does not run away from a vehicle which steers back.
-    fn counter_curvature(&self, s_m: f64, speed_mps: f64, overrun: f64, psi_rad: f64) -> f64 {
-        let lock = tan_delta_limit(speed_mps, self.wheelbase_m, self.safety) / self.wheelbase_m;
-        let own = (lock - self.safety.noise_curvature_per_m) / (1.0 + overrun);
-        let least = (own - self.sharpest_per_m).max(self.floor_per_m);
-        if least <= 0.0 {
-            return least;
+    fn counter_curvature(&self, s_m: [f64; 2], back: &WayBack, psi_rad: f64) -> f64 {
+        if back.least_per_m <= 0.0 {
+            return back.least_per_m;
         }
         // On the inside of a curve a metre driven is more than one of the road's.
-        let length_m = self.longest_metre * psi_rad / least;
-        let sharpest = self.road.max_abs_curvature(s_m, s_m + length_m);
-        (own - path_curvature(sharpest, self.road)).max(self.floor_per_m)
+        let length_m = FARTHER * self.longest_metre * psi_rad / back.least_per_m;
+        let sharpest = self.road.max_abs_curvature(s_m[0], s_m[1] + length_m);
+        (back.own_per_m - path_curvature(sharpest, self.road)).max(self.floor_per_m)
     }
 
     /// Reach of the rear corner at a heading towards the side: it swings out while the heading
@@ -295,6 +338,21 @@ impl<'a> Lateral<'a> {
     }
 }
 
+/// What it takes to steer back at one speed.
+#[derive(Debug, Clone, Copy)]
+struct WayBack {
+    /// Way driven before the steering acts, in metres.
+    step_m: f64,
+    /// Heading that noise and the road add within that step.
+    shift_rad: f64,
+    /// What the rear corner swings by when the way back ends, in metres.
+    rear_m: f64,
+    /// Curvature at full lock that is sure to be reached, in 1/m.
+    own_per_m: f64,
+    /// Counter-curvature that it leaves anywhere on the road, in 1/m.
+    least_per_m: f64,
+}
+
 /// Which end of the body a barrier is about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Part {
@@ -308,32 +366,38 @@ pub struct Steering<'a> {
     lateral: &'a Lateral<'a>,
     side: Side,
     part: Part,
-    fastest_mps: f64,
+    /// From the rear axle to the edge at x+, in metres, at the least.
+    next_room_m: f64,
+    /// At the largest v+.
+    back: WayBack,
 }
 
 impl Steering<'_> {
     /// h(x+) less its target at `tan_delta`. It falls as the front turns towards the side, or the
     /// rear away from it.
     fn margin_m(&self, tan_delta: f64) -> f64 {
-        self.h_at_m(tan_delta, self.fastest_mps) - self.target()
+        self.h_at_m(tan_delta, &self.back) - self.target()
     }
 
-    fn h_at_m(&self, tan_delta: f64, next_mps: f64) -> f64 {
+    fn h_at_m(&self, tan_delta: f64, back: &WayBack) -> f64 {
         let Self { lateral, side, .. } = *self;
         let step_m = lateral.speed_mps * STEP_S;
-        let noise = lateral.heading_noise_rad(lateral.speed_mps);
+        let noise = lateral.heading_noise_rad;
         let turned = lateral.next.psi_rad + step_m / lateral.wheelbase_m * tan_delta;
         let reach_m = match self.part {
             Part::Front => {
                 let psi = side.sign() * turned + noise;
-                lateral.excursion_m(lateral.next.s_m, next_mps, psi)
+                lateral.excursion_m(lateral.next_s_m, back, psi)
             }
             Part::Rear => lateral.rear_swing_m(side.sign() * turned - noise),
         };
-        lateral.edge_m(side) - lateral.next_d_m(side) - reach_m
+        self.next_room_m - reach_m
     }
 }
 
+/// The road of the return manoeuvre is looked at a little farther, so that noise of second order
+/// does not move its end away.
+const FARTHER: f64 = 1.01;
 /// Room below which a row is met: the rounding of positions on a curved road.
 const ROUNDING_M: f64 = 1e-9;
 /// A speed above its limit by no more than this is rounding.
@@ -351,7 +415,8 @@ impl Barrier for Steering<'_> {
     }
 
     fn h_next(&self, u: ControlInput) -> f64 {
-        self.h_at_m(u.tan_delta, self.lateral.next_mps(u.accel_mps2))
+        let next_mps = self.lateral.next_mps(u.accel_mps2);
+        self.h_at_m(u.tan_delta, &self.lateral.way_back(next_mps))
     }
 
     /// The rear corner may use its room up at once: the steering moves it directly, and a decay
@@ -368,13 +433,13 @@ impl Barrier for Steering<'_> {
         let h = self.h();
         let target = self.target();
         let kept = (target - ROUNDING_M).max(target.min(-ROUNDING_IN_ALL_M));
-        let lock = tan_delta_limit(lateral.speed_mps, lateral.wheelbase_m, lateral.safety);
+        let lock = lateral.lock;
         // The front must not turn towards the side too much, the rear not away from it.
         let towards = match self.part {
             Part::Front => self.side,
             Part::Rear => self.side.mirrored(),
         };
-        let margin = |most: f64| self.h_at_m(towards.sign() * most, self.fastest_mps) - kept;
+        let margin = |most: f64| self.h_at_m(towards.sign() * most, &self.back) - kept;
         let most = match largest(-lock, lock, margin) {
             Some(most) if most >= lock => f64::INFINITY,
             Some(most) => most,

@@ -45,7 +45,7 @@ impl<'a> Rear<'a> {
                 safety.reaction_human_s
             },
             keep_m: ahead.headway_bumper_m(behind.length_m, safety),
-            gap_change_m: own_m - ahead.rates_in_lane().high * behind.worst_fast_mps * STEP_S,
+            gap_change_m: own_m - ahead.rates_in_lane.high * behind.worst_fast_mps * STEP_S,
             h_m: 0.0,
         };
         rear.h_m = rear.level_m(rear.gap_m, v, behind.worst_fast_mps) - rear.keep_m;

@@ -8,8 +8,8 @@ use crate::{Closing, SafetySettings};
 /// be the shortest there is, which leaves the longest P_bumper.
 ///
 /// A line of sight that breaks off inside the set (a leader's cut-out, a passing truck) is outside
-/// the promise; speed then follows with the gentle braking. As long as the sight may reach far
-/// enough, its error taken for nothing, the row is hard.
+/// the promise; speed then follows with the gentle braking. As long as the set may hold, the sight's
+/// error taken for nothing and the vehicle for the longest there is, the row is hard.
 #[derive(Debug, Clone, Copy)]
 pub struct Sight<'a> {
     safety: &'a SafetySettings,
@@ -36,15 +36,23 @@ impl<'a> Sight<'a> {
         }
     }
 
-    /// Whether h_vis >= 0 unless the end of sight is said to be farther than it is.
+    /// Whether h >= 0 towards some vehicle that may stand at the end of sight.
     pub fn may_hold(&self) -> bool {
-        self.h_m >= -self.safety.sight_error_m
+        let longer_m = self.safety.longest_vehicle_m - self.safety.shortest_vehicle_m;
+        let unsure_m = self.safety.sight_error_m + self.safety.hidden_corner_m();
+        self.h_m >= -(unsure_m + 0.5 * longer_m) - ROUNDING_M
     }
 
     fn limit_mps2(&self, keep_m: f64, h: f64) -> f64 {
         let kept = target(h, self.safety.eta);
         self.gap
             .accel_max_mps2(&self.closing, self.safety, keep_m, kept, 0.0)
+    }
+
+    /// The limit of the collision level, which is always hard.
+    fn collision_mps2(&self) -> f64 {
+        let margin_m = self.safety.collision_margin_m;
+        self.limit_mps2(margin_m, self.gap.h_m(&self.closing, margin_m))
     }
 }
 
@@ -70,12 +78,13 @@ impl Barrier for Sight<'_> {
         let upper = if self.h_m >= -ROUNDING_M || self.may_hold() && !self.leaving {
             self.limit_mps2(self.keep_m, self.h_m)
         } else if self.leaving {
-            let margin_m = self.safety.collision_margin_m;
-            let h0 = self.gap.h_m(&self.closing, margin_m);
-            let slow = (self.safety.leaving_speed_mps - self.gap.speed_mps) / STEP_S;
-            self.limit_mps2(margin_m, h0).min(slow)
+            let fastest_mps = self.safety.leaving_speed_mps - self.safety.noise_speed_mps;
+            let slow = (fastest_mps - self.gap.speed_mps) / STEP_S;
+            self.collision_mps2().min(slow)
         } else {
-            recovery_accel_mps2(self.gap, &self.closing, self.keep_m, self.h_m, self.safety)
+            let gentle =
+                recovery_accel_mps2(self.gap, &self.closing, self.keep_m, self.h_m, self.safety);
+            self.collision_mps2().min(gentle)
         };
         Row::at_most(BarrierKind::Sight, Input::Accel, upper, self.h_m)
     }
@@ -84,10 +93,12 @@ impl Barrier for Sight<'_> {
 /// Sight beyond this changes nothing.
 const FARTHEST_M: f64 = 1e4;
 
-/// From the ego vehicle's front to the end of what is surely free, along the lane.
+/// From the ego vehicle's front to the end of what is surely free, along the lane: to the circle
+/// round what may stand there.
 pub fn gap(ahead: &Ahead<'_>, clear_s_m: f64, safety: &SafetySettings) -> Gap {
     let from_m = ahead.ego.frenet.s_m;
-    let to_m = (clear_s_m - safety.sight_error_m).clamp(from_m, from_m + FARTHEST_M);
+    let unsure_m = safety.sight_error_m + safety.hidden_corner_m();
+    let to_m = (clear_s_m - unsure_m).clamp(from_m, from_m + FARTHEST_M);
     Gap {
         gap_m: ahead.gap_to_m(to_m),
         speed_mps: ahead.ego.state.speed_mps,

@@ -101,6 +101,11 @@ pub enum SettingsError {
     /// A barrier of the user's with a number that is not finite.
     #[error("a barrier h = p'x + q has a number that is not finite; give five finite numbers")]
     Barrier,
+    /// A barrier of the user's on the position alone.
+    #[error(
+        "a barrier h = p'x + q with p_psi = p_v = 0 leaves the input out of its row; give it a part in heading or speed"
+    )]
+    BarrierWithoutInput,
 }
 
 impl ControlSettings {
@@ -157,6 +162,11 @@ impl ControlSettings {
             ("perception_delay_s", s.perception_delay_s),
             ("sight_error_m", s.sight_error_m),
             ("shortest_vehicle_m", s.shortest_vehicle_m),
+            ("widest_vehicle_m", s.widest_vehicle_m),
+            (
+                "longest_vehicle_m - shortest_vehicle_m",
+                s.longest_vehicle_m - s.shortest_vehicle_m,
+            ),
             ("qp.slack_max", self.qp.slack_max),
             ("collision_margin_m", s.collision_margin_m),
             ("leaving_speed_mps", s.leaving_speed_mps),

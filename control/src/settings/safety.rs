@@ -64,6 +64,10 @@ pub struct SafetySettings {
     pub sight_error_m: f64,
     /// Length of the shortest vehicle that may stand where the sight ends.
     pub shortest_vehicle_m: f64,
+    /// Length of the longest vehicle.
+    pub longest_vehicle_m: f64,
+    /// Width of the widest vehicle.
+    pub widest_vehicle_m: f64,
     /// How long a stretch that was seen free counts as free.
     pub sight_memory_s: f64,
     /// Time between the announcement of a lane change and its start; a CAV's intention counts as
@@ -101,6 +105,8 @@ impl Default for SafetySettings {
             sight_range_m: 65.0,
             sight_error_m: 1.0,
             shortest_vehicle_m: 3.0,
+            longest_vehicle_m: 18.75,
+            widest_vehicle_m: 2.6,
             sight_memory_s: 1.0,
             announcement_s: 0.3,
         }
@@ -108,6 +114,12 @@ impl Default for SafetySettings {
 }
 
 impl SafetySettings {
+    /// How far the circle round a vehicle that stands where the sight ends may reach before it.
+    pub(crate) fn hidden_corner_m(&self) -> f64 {
+        let length_m = self.shortest_vehicle_m;
+        0.5 * (length_m.hypot(self.widest_vehicle_m) - length_m)
+    }
+
     /// What a step may drive beyond v Ts, in shares of v Ts: the position noise at speed v.
     pub(crate) fn overrun(&self, speed_mps: f64) -> f64 {
         let step_m = speed_mps * covista_world::STEP_S;

@@ -184,17 +184,22 @@ fn a_row_admits_an_input_where_h_reaches_its_target() {
     }
 }
 
-/// sup over n of the way that closes while both brake, added up step by step.
+/// W_p and sup over n of the way that closes while both brake, added up step by step, with the noise
+/// of the last step in proportion to its speed.
 fn closing_m(mut v: f64, mut v_k: f64) -> f64 {
     let safety = SafetySettings::default();
     let (mut sum, mut most) = (0.0_f64, 0.0_f64);
+    let loss = safety.brake_mps2 * STEP_S - safety.noise_speed_mps;
+    if v <= 1e-12 {
+        return 0.0;
+    }
     while v > 1e-12 {
-        sum += (v - v_k) * STEP_S + safety.noise_position_m;
+        sum += (v - v_k) * STEP_S + safety.noise_position_m * (v / loss).min(1.0);
         most = most.max(sum);
-        v -= safety.brake_mps2 * STEP_S - safety.noise_speed_mps;
+        v -= loss;
         v_k = (v_k - safety.leader_brake_mps2 * STEP_S).max(0.0);
     }
-    most
+    safety.noise_position_m + most
 }
 
 /// What a follower drives from the step after next to its stop, and the ego vehicle likewise.
@@ -251,7 +256,8 @@ proptest! {
         drive.others = vec![Other::new(1, 100.0 + away_m, 0.0, v_k)];
         let a = a.max(-v / STEP_S);
         let (h, h_next) = of_kind(&mut drive, false, input(0.0, a), BarrierKind::FrontCurrent);
-        let gap_m = 100.0 + away_m - 2.3 - drive.state.pose.x_m - reaches_m().0;
+        let circle_m = 0.5 * SEDAN.length_m.hypot(SEDAN.width_m);
+        let gap_m = 100.0 + away_m - circle_m - drive.state.pose.x_m - reaches_m().0;
         let keep_m = 18.5 - 4.6;
         prop_assert!((h - (gap_m - keep_m - closing_m(v, v_k))).abs() < EXACT);
         let next_gap_m = gap_m - (v - v_k) * STEP_S - 1e-3;
@@ -270,7 +276,8 @@ proptest! {
         let a = a.max(-v / STEP_S);
         let (h, h_next) = of_kind(&mut drive, false, input(0.0, a), BarrierKind::Sight);
         let safety = drive.safety();
-        let clear_m = 100.0 + away_m - safety.sight_error_m;
+        // The circle round 3 m by 2.6 m reaches 0.4848 m before it.
+        let clear_m = 100.0 + away_m - safety.sight_error_m - 0.484_943_324_127_92;
         let gap_m = clear_m - drive.state.pose.x_m - reaches_m().0;
         let keep_m = 18.5 - 0.5 * (4.6 + safety.shortest_vehicle_m);
         prop_assert!((h - (gap_m - keep_m - closing_m(v, 0.0))).abs() < EXACT);

@@ -55,7 +55,7 @@ fn highest(most: f64, value: impl Fn(f64) -> f64) -> f64 {
 }
 
 /// How far the front reaches to its side until the vehicle runs parallel.
-fn front_reach_m(profile: &RoadProfile, s_m: f64, v: f64, psi: f64) -> f64 {
+fn front_reach_m(profile: &RoadProfile, s_m: [f64; 2], v: f64, psi: f64) -> f64 {
     let road = profile.road();
     // A start from standstill can't be steered.
     let v = v.max(3.0 * STEP_S + W_V_MPS);
@@ -67,11 +67,12 @@ fn front_reach_m(profile: &RoadProfile, s_m: f64, v: f64, psi: f64) -> f64 {
     if psi <= 0.0 {
         return HALF_M + rear_m;
     }
-    let own = (lock(v) / SEDAN.wheelbase_m - BEND_PER_M) / (1.0 + overrun(v));
+    let left = |tan: f64, v: f64| (tan / SEDAN.wheelbase_m - BEND_PER_M) / (1.0 + overrun(v));
+    let own = left(lock(v), v).min(left(0.6, 0.0));
     let floor = profile.counter_floor_per_m();
     let least = (own - sharpest).max(floor);
-    let way_m = psi / least / (1.0 - 5.25 * road.sharpest_per_m());
-    let counter = (own - path(road.max_abs_curvature(s_m, s_m + way_m))).max(floor);
+    let way_m = 1.01 * psi / least / (1.0 - 5.25 * road.sharpest_per_m());
+    let counter = (own - path(road.max_abs_curvature(s_m[0], s_m[1] + way_m))).max(floor);
     let corner = highest(psi, |theta| {
         let drift_m = (theta.cos() - psi.cos()) / counter;
         drift_m + FRONT_M * theta.sin() + HALF_M * theta.cos()
@@ -98,17 +99,20 @@ fn expected(drive: &Drive, side: f64, u: ControlInput) -> [(f64, f64); 2] {
     let next = road.to_frenet_pose(straight.pose);
     // The direction of travel is off by the slip, and the step is longer.
     let off = side * now.psi_rad + SLIP_RAD;
-    let more_m = overrun(v) * off.sin().max(0.0) + off.sin() - (side * now.psi_rad).sin();
+    let more_m = overrun(v) * off.sin().abs() + off.sin() - (side * now.psi_rad).sin();
     let next_room_m = edge_m - side * next.d_m - v * STEP_S * more_m;
     let turn = v * STEP_S * u.tan_delta / SEDAN.wheelbase_m;
     let bend = bend_rad(v, sharpest);
     let psi = side * (next.psi_rad + turn);
     let next_v = (v + u.accel_mps2 * STEP_S + W_V_MPS).max(0.0);
+    let along_m = (overrun(v) + SLIP_RAD * now.psi_rad.sin().abs()) * v * STEP_S;
+    let along_m = along_m / (1.0 - 5.25 * road.sharpest_per_m());
+    let next_s_m = [next.s_m - along_m, next.s_m + along_m];
     let front_m = |s_m, v, psi| front_reach_m(&drive.profile, s_m, v, psi);
     [
         (
-            room_m - front_m(now.s_m, v, side * now.psi_rad),
-            next_room_m - front_m(next.s_m, next_v, psi + bend),
+            room_m - front_m([now.s_m; 2], v, side * now.psi_rad),
+            next_room_m - front_m(next_s_m, next_v, psi + bend),
         ),
         (
             room_m - rear_reach_m(side * now.psi_rad),

@@ -82,6 +82,7 @@ impl Place<'_> {
             d_left_m: center_m + 0.9,
             speed_mps,
             length_m: 4.6,
+            reach_m: 2.3,
             best_s_rear_m: rear_s_m,
             best_fast_mps: speed_mps,
             worst_s_rear_m: rear_s_m,

@@ -86,11 +86,11 @@ fn the_rates_are_those_of_half_a_lane() {
         BarrierKind::FrontCurrent,
         false,
     );
-    assert_eq!(ahead.rates_in_lane(), ArcRates::new(&road, 1.75));
+    assert_eq!(ahead.rates_in_lane, ArcRates::new(&road, 3.5));
     assert_eq!(ahead.rates, ArcRates::new(&road, 5.25));
     // 1.75 / 80 of the radius that is left on the inside, 80 - 5.25 m.
-    assert!((ahead.rates_in_lane().high - (1.0 + 1.75 / 74.75)).abs() < 1e-9);
-    assert!((ahead.rates_in_lane().low - (1.0 - 1.75 / 74.75)).abs() < 1e-9);
+    assert!((ahead.rates_in_lane.high - (1.0 + 3.5 / 74.75)).abs() < 1e-9);
+    assert!((ahead.rates_in_lane.low - (1.0 - 3.5 / 74.75)).abs() < 1e-9);
 }
 
 #[test]
@@ -123,7 +123,7 @@ fn while_h_holds_an_excuse_changes_nothing() {
 fn curve_speed(s_m: f64, next_s_m: f64, v: f64, act: impl FnOnce(&CurveSpeed<'_>)) {
     let profile = RoadProfile::new(Arc::new(corner()), &ControlSettings::default());
     let safety = SafetySettings::default();
-    act(&CurveSpeed::new(&profile, s_m, next_s_m, v, &safety));
+    act(&CurveSpeed::new(&profile, s_m, [next_s_m; 2], v, &safety));
 }
 
 #[test]
@@ -172,4 +172,27 @@ fn too_fast_for_the_road_it_brakes_gently_at_least_and_as_hard_as_it_can_at_most
             barrier.row().upper
         );
     });
+}
+
+/// D is flat where a leader is faster and the ego vehicle is about to stop: rounding on the plateau
+/// must not take the input away.
+#[test]
+fn hardest_braking_holds_the_distance_at_any_speeds() {
+    let safety = SafetySettings::default();
+    let closing = crate::Closing::new(&safety, 1.013, 0.99);
+    let mut dice = Dice(3);
+    for i in 0..300_000 {
+        let speed_mps = dice.uniform(0.08, if i % 2 == 0 { 0.3 } else { 30.0 });
+        let leader_mps = dice.uniform(0.0, 1.6) * speed_mps;
+        let keep_m = 13.9;
+        let gap = crate::barriers::front::Gap {
+            gap_m: dice.uniform(-2.0, 0.0) + keep_m + closing.distance_m(speed_mps, leader_mps),
+            speed_mps,
+            leader_mps,
+        };
+        let held_m = gap.h_m(&closing, keep_m);
+        let next_mps = closing.leader_after_step_mps(leader_mps);
+        let most = gap.accel_max_mps2(&closing, &safety, keep_m, held_m, next_mps);
+        assert!(most >= -8.0 - 1e-6, "{gap:?} {most}");
+    }
 }

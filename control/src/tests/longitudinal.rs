@@ -250,10 +250,10 @@ fn older_estimates_are_taken_for_worse() {
     let track = Other::new(1, 100.0, 0.0, 12.0).track(&road, 5.0);
     let at = |now_s: f64| Neighbour::from_track(&track, &road, now_s, &safety).expect("finite");
     let (fresh, old) = (at(5.0), at(5.5));
-    assert!((fresh.worst_s_rear_m - (100.0 - 2.3)).abs() < 1e-9);
     assert!((old.worst_slow_mps - 8.0).abs() < 1e-9);
-    // 12 t - 8 t^2 / 2, less what the body reaches when it turns: half its diagonal.
+    // Whatever the heading, the body reaches half its diagonal; 12 t - 8 t^2 / 2.
     let diagonal_m = 0.5 * SEDAN.length_m.hypot(SEDAN.width_m);
+    assert!((fresh.worst_s_rear_m - (100.0 - diagonal_m)).abs() < 1e-9);
     assert!((old.worst_s_rear_m - (100.0 + 5.0 - diagonal_m)).abs() < 1e-9);
     assert!((old.s_rear_m - fresh.s_rear_m - 6.0).abs() < 1e-9);
     assert!((old.worst_fast_mps - 12.5).abs() < 1e-9);

@@ -13,6 +13,7 @@ fn leader(drive: &mut Drive, h_m: [f64; 3]) -> Neighbour {
     drive.with_situation(|_, situation| {
         let mut leader = situation.neighbours[0];
         leader.s_rear_m += h_m[1] - off_m;
+        leader.s_front_m += h_m[1] - off_m;
         leader.best_s_rear_m += h_m[2] - off_m;
         leader.worst_s_rear_m += h_m[0] - off_m;
         leader
@@ -246,8 +247,8 @@ fn leaving_keeps_the_collision_level_and_the_low_speed() {
         ..standing
     };
     let found = upper(&mut drive, &standing, Some(Excuse::Leaving), true);
-    // Up to 5 m/s: 0.1 m/s more.
-    assert!((found - 10.0).abs() < 1e-6, "{found}");
+    // Up to 5 m/s: 0.1 m/s more, less the noise.
+    assert!((found - 9.5).abs() < 1e-6, "{found}");
     // The collision level is inside by what a leader that stands makes of it.
     let near = leader(&mut drive, [-11.0; 3]);
     let near = Neighbour {

@@ -24,13 +24,14 @@ const EGO: [Field<EgoState>; 12] = [
     ("overhang", |ego| &mut ego.dimensions.rear_overhang_m),
 ];
 
-const NEIGHBOUR: [Field<Neighbour>; 11] = [
+const NEIGHBOUR: [Field<Neighbour>; 12] = [
     ("rear", |other| &mut other.s_rear_m),
     ("front", |other| &mut other.s_front_m),
     ("right", |other| &mut other.d_right_m),
     ("left", |other| &mut other.d_left_m),
     ("speed", |other| &mut other.speed_mps),
     ("length", |other| &mut other.length_m),
+    ("reach", |other| &mut other.reach_m),
     ("worst rear", |other| &mut other.worst_s_rear_m),
     ("slow", |other| &mut other.worst_slow_mps),
     ("worst front", |other| &mut other.worst_s_front_m),

@@ -133,6 +133,20 @@ fn numbers_that_are_none_are_refused() {
 }
 
 #[test]
+fn a_position_alone_is_refused_for_u_is_not_in_its_row() {
+    let mut drive = Drive::new(straight(), 1, 100.0, 10.0);
+    let refused = drive
+        .controller
+        .add_barrier(barrier([-1.0, 0.2, 0.0, 0.0], 150.0));
+    assert_eq!(refused, Err(SettingsError::BarrierWithoutInput));
+    let message = SettingsError::BarrierWithoutInput.to_string();
+    assert!(
+        message.contains("give it a part in heading or speed"),
+        "{message}"
+    );
+}
+
+#[test]
 fn the_dynamics_are_the_models_step_along_the_road() {
     for road in [straight(), corner()] {
         for (psi_rad, d_m, v) in [(0.0, 0.0, 10.0), (0.2, 1.0, 15.0), (-0.3, -2.0, 4.0)] {

@@ -187,7 +187,11 @@ fn sight_limit(speed_mps: f64, h0_m: f64) -> f64 {
     let ego = drive.ego();
     let closing_m = crate::Closing::new(&safety, 1.0, 1.0).distance_m(speed_mps, 0.0);
     let gap_m = h0_m + safety.collision_margin_m + closing_m;
-    drive.clear_s_m = ego.frenet.s_m + ego.front_reach_m() + gap_m + safety.sight_error_m;
+    drive.clear_s_m = ego.frenet.s_m
+        + ego.front_reach_m()
+        + gap_m
+        + safety.sight_error_m
+        + safety.hidden_corner_m();
     let found = rows_of(&mut drive, &[], true);
     let is_sight = |row: &&Row| row.kind == BarrierKind::Sight;
     found.hard.iter().find(is_sight).expect("a sight row").upper
@@ -195,8 +199,8 @@ fn sight_limit(speed_mps: f64, h0_m: f64) -> f64 {
 
 #[test]
 fn who_leaves_the_lane_slowly_keeps_the_collision_level_to_the_end_of_sight() {
-    // Up to 5 m/s: 0.1 m/s more.
-    assert!((sight_limit(4.9, 3.0) - 10.0).abs() < 1e-6);
+    // Up to 5 m/s: 0.1 m/s more, less the noise.
+    assert!((sight_limit(4.9, 3.0) - 9.5).abs() < 1e-6);
     let at_the_edge = sight_limit(4.9, 0.0);
     assert!((-8.0 - 1e-6..-6.0).contains(&at_the_edge), "{at_the_edge}");
     // Faster than that it does not count as leaving: at most the gentle braking, but no gain.
