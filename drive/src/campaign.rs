@@ -12,24 +12,31 @@
 //! lane or into sight; such excuses are counted apart and end when h is back.
 
 mod broken;
+mod cases;
 mod cover;
 mod episode;
 mod estimate;
 mod exact;
+mod follower;
+mod lag;
 mod nominal;
 mod other;
+mod pair;
 mod plant;
 mod road;
 mod scenario;
+mod sedan;
 mod tally;
 mod timing;
 mod watch;
 
 pub use broken::Broken;
-pub use cover::{PLANTS, PlantCover, cover_plants};
+pub use cases::{COVERS, CoverCase};
+pub use cover::{PlantCover, cover_plants};
+pub use nominal::Nominals;
 pub use plant::PlantModel;
 pub use scenario::Family;
-pub use tally::Tally;
+pub use tally::{EpisodeId, Tally};
 pub use timing::{Stage, StepTiming, time_control};
 
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -44,6 +51,8 @@ use episode::{Conditions, Episode};
 
 /// Steps of one episode.
 const EPISODE_STEPS: u64 = 1500;
+/// The same where everything happens after one lane change at the start.
+const SHORT_STEPS: u64 = 500;
 
 /// A campaign: what is drawn and how much of it.
 #[derive(Debug, Clone, PartialEq)]
@@ -56,6 +65,8 @@ pub struct CampaignSpec {
     pub control: ControlSettings,
     /// What is broken on purpose.
     pub broken: Option<Broken>,
+    /// What is asked of the filter.
+    pub nominal: Nominals,
     /// What moves.
     pub plant: PlantModel,
 }
@@ -93,14 +104,15 @@ fn run_families(
     let conditions = conditions(spec);
     let done = AtomicU64::new(0);
     let share = spec.steps.div_ceil(families.len() as u64);
-    let count = share.div_ceil(EPISODE_STEPS);
+    let each = episode_steps(spec.broken);
+    let count = share.div_ceil(each);
     let episodes: Vec<(usize, u64)> = (0..count)
         .flat_map(|number| (0..families.len()).map(move |family| (family, number)))
         .collect();
     let tallies = episodes
         .par_iter()
         .map(|&(family, number)| {
-            let steps = EPISODE_STEPS.min(share - number * EPISODE_STEPS);
+            let steps = each.min(share - number * each);
             let tally = run_episode(spec.seed, families[family], number, steps, &conditions)?;
             let before = done.fetch_add(steps, Ordering::Relaxed);
             progress(before + steps);
@@ -115,6 +127,14 @@ fn run_families(
         found[*family].1.add(tally);
     }
     Ok(found)
+}
+
+fn episode_steps(broken: Option<Broken>) -> u64 {
+    if broken.is_some_and(Broken::is_about_followers) {
+        SHORT_STEPS
+    } else {
+        EPISODE_STEPS
+    }
 }
 
 fn conditions(spec: &CampaignSpec) -> Conditions {
@@ -138,6 +158,7 @@ fn conditions(spec: &CampaignSpec) -> Conditions {
         control: spec.control,
         plant: spec.plant,
         broken: spec.broken,
+        nominal: spec.nominal,
         noise,
         is_monitored: spec.plant == PlantModel::Kinematic,
     }
@@ -151,15 +172,45 @@ fn run_episode(
     steps: u64,
     conditions: &Conditions,
 ) -> Result<Tally, CampaignError> {
+    let episode = episode(seed, EpisodeId { family, number }, conditions)?;
+    let mut tally = episode.run(steps as usize, |_, _| {});
+    if tally.is_bad() {
+        tally.first_bad_episode = Some(EpisodeId { family, number });
+    }
+    Ok(tally)
+}
+
+fn episode(
+    seed: u64,
+    EpisodeId { family, number }: EpisodeId,
+    conditions: &Conditions,
+) -> Result<Episode<'_>, CampaignError> {
     let mut dice = ChaCha8Rng::seed_from_u64(seed);
     dice.set_stream(number * Family::ALL.len() as u64 + family as u64);
     let scenario = scenario::draw(family, &conditions.control, conditions.broken, &mut dice)?;
-    let episode = Episode::new(scenario, conditions, dice)?;
-    let mut tally = episode.run(steps as usize, |_, _| {});
-    if tally.is_bad() {
-        tally.first_bad_episode = Some(number);
-    }
-    Ok(tally)
+    Episode::new(scenario, conditions, dice)
+}
+
+/// Runs one episode of a campaign again: what it found, and a line of text for each thing that the
+/// promise excludes, when and where. The campaign's number of steps does not matter.
+///
+/// # Errors
+/// When the settings are refused.
+pub fn look_at_episode(
+    spec: &CampaignSpec,
+    id: EpisodeId,
+) -> Result<(Tally, Vec<String>), CampaignError> {
+    let conditions = conditions(spec);
+    let episode = episode(spec.seed, id, &conditions)?;
+    let mut lines = episode.described();
+    let empty = Tally {
+        lines: Some(Vec::new()),
+        ..Tally::default()
+    };
+    let steps = episode_steps(spec.broken) as usize;
+    let mut tally = episode.run_into(empty, steps, |_, _| {});
+    lines.extend(tally.lines.take().into_iter().flatten());
+    Ok((tally, lines))
 }
 
 #[cfg(test)]

@@ -41,7 +41,7 @@ pub enum Cause {
     MissedObject,
     /// The track's newest measurement was older than `knowledge_age_max_s`.
     MessageAge,
-    /// The vehicle's near bumper was nearer, or its speed along the lane more dangerous, than
+    /// The vehicle was nearer, or its speed along the lane more dangerous, than
     /// `error_sigmas` standard deviations of its track allow, or it was in a lane of the CAV
     /// while its track was not.
     PerceptionError,

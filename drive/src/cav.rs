@@ -1,5 +1,5 @@
 use covista_control::{
-    ControlOutput, ControlSettings, Controller, EgoState, Manoeuvre, Neighbour, RoadProfile,
+    Clear, ControlOutput, ControlSettings, Controller, EgoState, Manoeuvre, Neighbour, RoadProfile,
     SightLine, Situation, clear_until_m,
 };
 use covista_planner::{
@@ -102,14 +102,17 @@ impl Cav {
         let safety = &self.settings.safety;
         let free_range_m = |azimuth_rad: f64| sensed.free_space.free_range_m(azimuth_rad);
         let free_behind = |tracked: &[Neighbour]| {
-            let mut clear_s_m = [0.0; LANE_COUNT as usize];
+            let mut lanes = [Clear::default(); LANE_COUNT as usize];
             for lane in LaneIndex::all() {
-                clear_s_m[usize::from(lane.get())] =
+                lanes[usize::from(lane.get())] =
                     clear_until_m(road, lane, lidar, &free_range_m, tracked, safety);
             }
-            clear_s_m
+            lanes
         };
-        let seen = SightLine::new(free_behind(&neighbours), time_s).with_open(free_behind(&[]));
+        let (clear, open) = (free_behind(&neighbours), free_behind(&[]));
+        let seen = SightLine::new(clear.map(|clear| clear.until_s_m), time_s)
+            .with_open(open.map(|clear| clear.until_s_m))
+            .with_blocked(open.map(|clear| clear.is_blocked));
         match &mut self.sight {
             Some(sight) => sight.update(&seen, time_s, safety),
             None => self.sight = Some(seen),

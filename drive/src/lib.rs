@@ -15,6 +15,7 @@ mod cause;
 mod cav;
 mod control_file;
 mod evaluate;
+mod excuse;
 mod monitor;
 mod recorded;
 mod run;
@@ -26,8 +27,9 @@ mod truth;
 
 pub use bench_frames::{recorded_bench_frames, rendered_frames};
 pub use campaign::{
-    Broken, CampaignError, CampaignSpec, Family, PLANTS, PlantCover, PlantModel, Stage, StepTiming,
-    Tally, cover_plants, run_campaign, time_control,
+    Broken, COVERS, CampaignError, CampaignSpec, CoverCase, EpisodeId, Family, Nominals,
+    PlantCover, PlantModel, Stage, StepTiming, Tally, cover_plants, look_at_episode, run_campaign,
+    time_control,
 };
 pub use cause::Cause;
 pub use control_file::{ControlFileError, load_control_settings};

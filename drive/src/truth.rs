@@ -93,22 +93,37 @@ impl TrueVehicle {
         self.speed_mps * self.frenet.psi_rad.cos()
     }
 
-    /// Whether `other` is ahead: by the rear axles.
+    /// Whether `other` is ahead: by the bodies' middles along the road.
     pub fn is_behind(&self, other: &Self) -> bool {
-        other.frenet.s_m > self.frenet.s_m
+        other.middle_s_m() > self.middle_s_m()
+    }
+
+    /// The body's middle along the road.
+    pub(crate) fn middle_s_m(&self) -> f64 {
+        0.5 * (self.s_range_m[0] + self.s_range_m[1])
+    }
+
+    /// From the body's centre to its corners.
+    pub(crate) fn half_diagonal_m(&self) -> f64 {
+        0.5 * self.dimensions.length_m.hypot(self.dimensions.width_m)
     }
 
     /// Bumper-to-bumper gap to `ahead` in metres, along the one of `lanes` in which it is least;
     /// infinite without a lane.
     pub fn gap_to_m(&self, ahead: &Self, lanes: Lanes, road: &Road) -> f64 {
-        let (from_m, to_m) = (self.s_range_m[1], ahead.s_range_m[0]);
-        // A line at offset d is shorter by d times the angle that the road turns by.
-        let turned_rad = road.turn_rad(from_m, to_m);
-        lanes
-            .iter()
-            .map(|lane| to_m - from_m - road.lane_center_m(lane) * turned_rad)
-            .fold(f64::INFINITY, f64::min)
+        shortest_m([self.s_range_m[1], ahead.s_range_m[0]], lanes, road)
     }
+}
+
+/// Length of the road from one s to another, along the one of `lanes` in which it is least; infinite
+/// without a lane.
+pub(crate) fn shortest_m([from_m, to_m]: [f64; 2], lanes: Lanes, road: &Road) -> f64 {
+    // A line at offset d is shorter by d times the angle that the road turns by.
+    let turned_rad = road.turn_rad(from_m, to_m);
+    lanes
+        .iter()
+        .map(|lane| to_m - from_m - road.lane_center_m(lane) * turned_rad)
+        .fold(f64::INFINITY, f64::min)
 }
 
 /// Some of the lanes.
@@ -133,6 +148,11 @@ impl Lanes {
     /// Whether `lane` is one of them.
     pub fn contains(self, lane: LaneIndex) -> bool {
         self.0 & Self::bit(lane) != 0
+    }
+
+    /// These and `lane`.
+    pub fn with(self, lane: LaneIndex) -> Self {
+        Self(self.0 | Self::bit(lane))
     }
 
     /// Those that are in `other` too.
@@ -161,7 +181,7 @@ impl FromIterator<LaneIndex> for Lanes {
     }
 }
 
-fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
+pub(crate) fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
     values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| {
         [low.min(value), high.max(value)]
     })

@@ -11,11 +11,13 @@ use super::{
     CampaignError,
     broken::Broken,
     exact::SafeSet,
+    nominal::{NominalPolicy, Nominals},
     other::{Merging, Script, TOP_MPS},
+    pair::Seen,
     plant::{Plant, PlantModel},
     scenario::{Cast, EGO, EGO_ID, Scenario},
     tally::Tally,
-    watch::{Doubt, Judged, Seen, Watch},
+    watch::{Judged, Watch},
 };
 use crate::{CavView, Monitor, TrueVehicle};
 
@@ -31,6 +33,7 @@ pub(super) struct Conditions {
     pub control: ControlSettings,
     pub plant: PlantModel,
     pub broken: Option<Broken>,
+    pub nominal: Nominals,
     /// Bounds of the noise that the plant really has.
     pub noise: SafetySettings,
     /// Whether the monitor runs along.
@@ -47,7 +50,8 @@ pub(super) struct Episode<'a> {
     /// For each other vehicle since when it has been in sight.
     in_sight_since: Vec<Option<usize>>,
     is_known: Vec<bool>,
-    changing_since: Option<usize>,
+    /// For each other vehicle since when the ego vehicle has been coming into its lane before it.
+    merging_since: Vec<Option<usize>>,
     wish: Action,
     tracks: Vec<Track>,
     neighbours: Vec<Neighbour>,
@@ -55,19 +59,25 @@ pub(super) struct Episode<'a> {
 
 impl<'a> Episode<'a> {
     pub fn new(
-        scenario: Scenario,
+        mut scenario: Scenario,
         conditions: &'a Conditions,
         dice: ChaCha8Rng,
     ) -> Result<Self, CampaignError> {
         let others = scenario.cast.len();
+        if conditions.nominal == Nominals::Own {
+            scenario.nominal.policy = NominalPolicy::Reference;
+        }
+        if conditions.plant != PlantModel::Kinematic {
+            scenario.wishes.clear();
+        }
         Ok(Self {
             controller: Controller::new(conditions.control, scenario.lane)?,
-            plant: Plant::new(conditions.plant, scenario.state, EGO),
+            plant: Plant::new(conditions.plant, scenario.state, EGO, &scenario.road),
             conditions,
             dice,
             in_sight_since: vec![None; others],
             is_known: vec![false; others],
-            changing_since: None,
+            merging_since: vec![None; others],
             wish: Action::KeepLane,
             tracks: Vec::new(),
             neighbours: Vec::new(),
@@ -75,14 +85,47 @@ impl<'a> Episode<'a> {
         })
     }
 
+    /// What was drawn, in words.
+    pub fn described(&self) -> Vec<String> {
+        let scenario = &self.scenario;
+        let sharpest = scenario.road.sharpest_per_m();
+        let mut lines = vec![
+            format!(
+                "lane {:?}, ego {:?}, sharpest curvature {sharpest:.5}, lane width {:.2} m",
+                scenario.lane,
+                scenario.state,
+                scenario.road.lane_width_m()
+            ),
+            format!("{:?}, noise {:?}", scenario.nominal, scenario.noise),
+            format!("{:?}", scenario.estimate),
+            format!(
+                "sight {:.1} m, said {:.1} m farther, tracks after {} steps",
+                scenario.sight_range_m, scenario.sight_error_m, scenario.delay_steps
+            ),
+        ];
+        lines.extend(scenario.cast.iter().map(|cast| format!("{cast:?}")));
+        lines
+    }
+
     /// Drives `steps` steps and tells what was found. `look` sees every situation and the
     /// controller before it acts.
-    pub fn run(mut self, steps: usize, mut look: impl FnMut(&Situation<'_>, &Controller)) -> Tally {
+    pub fn run(self, steps: usize, look: impl FnMut(&Situation<'_>, &Controller)) -> Tally {
+        self.run_into(Tally::default(), steps, look)
+    }
+
+    /// The same, found into `tally`.
+    pub fn run_into(
+        mut self,
+        tally: Tally,
+        steps: usize,
+        mut look: impl FnMut(&Situation<'_>, &Controller),
+    ) -> Tally {
         let road = self.scenario.road.clone();
         let settings = &self.conditions.control.safety;
         let broken = self.conditions.broken;
         let excuses_nothing = matches!(broken, Some(Broken::CutIn | Broken::Revealed));
         let mut watch = Watch::new(settings, &road, self.scenario.cast.len(), excuses_nothing);
+        watch.tally = tally;
         let mut monitor = Monitor::new(*settings);
         let mut s_m = road.to_frenet(self.plant.state.pose.position()).s_m;
         for step in 0..steps {
@@ -214,13 +257,14 @@ impl<'a> Episode<'a> {
         sight: &SightLine,
         look: &mut impl FnMut(&Situation<'_>, &Controller),
     ) -> ControlOutput {
+        let (state, frenet) = self.plant.told(ego.frenet, &self.scenario.road);
         let situation = Situation {
             profile: &self.scenario.profile,
             ego: EgoState {
                 station: STATION,
-                state: self.plant.state,
+                state,
                 dimensions: EGO,
-                frenet: ego.frenet,
+                frenet,
             },
             neighbours: &self.neighbours,
             sight,
@@ -228,12 +272,11 @@ impl<'a> Episode<'a> {
             desired_speed_mps: TOP_MPS,
         };
         if step.is_multiple_of(DECISION_STEPS) {
-            if step.is_multiple_of(WISH_STEPS) {
-                let wishes = [Action::KeepLane, Action::ChangeLeft, Action::ChangeRight];
+            if step.is_multiple_of(WISH_STEPS) && !self.scenario.wishes.is_empty() {
+                let wishes = &self.scenario.wishes;
                 self.wish = wishes[self.dice.random_range(0..wishes.len())];
             }
-            let changes = self.scenario.changes_lanes && self.wish.is_lane_change();
-            let wish = if changes { self.wish } else { Action::KeepLane };
+            let wish = self.wish;
             let action = [wish, Action::KeepLane]
                 .into_iter()
                 .find(|action| self.controller.verdict(&situation, *action) == ActionVerdict::Safe)
@@ -258,38 +301,19 @@ impl<'a> Episode<'a> {
 
     fn seen(&self, step: usize, truths: &[TrueVehicle]) -> Vec<Seen> {
         let age = self.scenario.estimate.age_steps(step);
-        let doubt = self.doubt(age);
-        self.scenario
-            .cast
-            .iter()
-            .zip(truths)
-            .enumerate()
-            .map(|(index, (cast, truth))| Seen {
-                truth: *truth,
-                speed_mps: cast.other.now.speed_mps,
-                measured_mps: cast.other.before(age, &self.scenario.road).speed_mps,
-                is_visible: self.in_sight_since[index].is_some() || self.is_known[index],
-                measured: self.is_known[index]
-                    .then(|| step.checked_sub(age))
-                    .flatten(),
-                follows: matches!(cast.other.script, Script::Follow { .. }),
-                doubt,
-            })
-            .collect()
-    }
-
-    /// By how much the worst that may be made of a measurement of this age is worse than the truth.
-    fn doubt(&self, age_steps: usize) -> Doubt {
-        let settings = &self.conditions.control.safety;
-        let estimate = &self.scenario.estimate;
-        let age_s = age_steps as f64 * STEP_S;
-        let apart_mps2 = settings.leader_brake_mps2 + settings.follower_accel_mps2;
-        let speed_mps = 2.0 * settings.error_sigmas * estimate.velocity_std_mps;
-        Doubt {
-            position_m: 2.0 * settings.error_sigmas * estimate.position_std_m
-                + (speed_mps + 0.5 * apart_mps2 * age_s) * age_s,
-            speed_mps: speed_mps + apart_mps2 * age_s,
-        }
+        let of = |id: u32| self.neighbours.iter().find(|neighbour| neighbour.id == id);
+        let cast = self.scenario.cast.iter().zip(truths).enumerate();
+        cast.map(|(index, (cast, truth))| Seen {
+            truth: *truth,
+            speed_mps: cast.other.now.speed_mps,
+            is_visible: self.in_sight_since[index].is_some() || self.is_known[index],
+            known: of(cast.other.id).copied(),
+            measured: self.is_known[index]
+                .then(|| step.checked_sub(age))
+                .flatten(),
+            follows: matches!(cast.other.script, Script::Follow { .. }),
+        })
+        .collect()
     }
 
     #[expect(
@@ -334,8 +358,6 @@ impl<'a> Episode<'a> {
         output: &ControlOutput,
         road: &Road,
     ) {
-        let changing = matches!(manoeuvre, Manoeuvre::ChangeLane { .. });
-        self.changing_since = changing.then_some(self.changing_since.unwrap_or(step));
         let off_m = ego.frenet.d_m - road.lane_center_m(manoeuvre.destination());
         let disturbance = self.scenario.noise.draw(step, off_m, &mut self.dice);
         self.plant
@@ -343,14 +365,27 @@ impl<'a> Episode<'a> {
         let settings = &self.conditions.control.safety;
         let set = SafeSet { settings, road };
         let target = manoeuvre.destination();
-        for (Cast { other, .. }, truth) in self.scenario.cast.iter_mut().zip(truths) {
-            let half_lengths_m = (ego.dimensions.length_m + truth.dimensions.length_m) / 2.0;
-            let merging = self.changing_since.map(|since| Merging {
+        let wanted = match manoeuvre {
+            Manoeuvre::KeepLane { .. } => None,
+            _ => Some(road.lane_center_m(target)),
+        };
+        let announced = (settings.announcement_s / STEP_S).round() as usize;
+        let mut own = ego.lanes(road, 0.0);
+        if let Manoeuvre::ChangeLane { to, .. } = manoeuvre {
+            own = own.with(to);
+        }
+        let cast = self.scenario.cast.iter_mut().zip(truths);
+        for ((Cast { other, .. }, truth), since) in cast.zip(&mut self.merging_since) {
+            let lane = truth.lane.filter(|lane| own.contains(*lane));
+            let lane = lane.filter(|_| truth.is_behind(ego));
+            *since = lane.map(|_| since.unwrap_or(step));
+            let merging = lane.zip(*since).map(|(lane, since)| Merging {
                 since_s: time_s(step - since),
-                gap_m: set.arc_m(target, truth.s_range_m[1], ego.s_range_m[0]),
-                ego_stop_m: ego.speed_mps.powi(2) / (2.0 * settings.brake_mps2),
-                keep_m: settings.headway_safe_m - half_lengths_m,
+                gap_m: set.arc_m(lane, truth.s_range_m[1], ego.s_range_m[0]),
+                ego_stop_m: set.shortest_stop_m(ego.speed_mps),
+                keep_m: set.keep_m(ego, truth.dimensions.length_m),
             });
+            other.announce(step, announced, wanted);
             other.step(step, road, merging, &mut self.dice);
         }
     }

@@ -4,6 +4,15 @@ use rand_chacha::ChaCha8Rng;
 
 use super::plant::Disturbance;
 
+/// Whose inputs a campaign asks the filter for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Nominals {
+    /// Hostile ones and the controller's own, in turns.
+    All,
+    /// The controller's own reference only.
+    Own,
+}
+
 /// What is asked of the filter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum NominalPolicy {

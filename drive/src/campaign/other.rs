@@ -2,7 +2,7 @@ use std::collections::VecDeque;
 
 use covista_control::SafetySettings;
 use covista_traffic::{VehicleId, VehicleKind};
-use covista_world::{BicycleState, Road, STEP_S, StationId, VehicleDimensions};
+use covista_world::{Action, BicycleState, Road, STEP_S, StationId, VehicleDimensions};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
@@ -55,7 +55,7 @@ pub(super) struct Motion {
     pub d_m: f64,
     /// Speed along the road's parallel through the centre.
     pub speed_mps: f64,
-    /// Speed across, to the left.
+    /// Speed across, to the left, of a vehicle that is not slow.
     pub sideways_mps: f64,
 }
 
@@ -68,12 +68,18 @@ pub(super) struct Other {
     pub now: Motion,
     pub script: Script,
     pub sideways: Option<Sideways>,
+    /// What it announced, where it is a CAV, and when in seconds.
+    pub announced: Option<(Action, f64)>,
+    /// Whether the ego vehicle hears what it announces.
+    pub is_heard: bool,
     /// Hardest braking, in m/s^2.
     pub brake_mps2: f64,
     /// Hardest acceleration, in m/s^2.
     pub accel_max_mps2: f64,
     accel_mps2: f64,
     from_d_m: f64,
+    /// Steps of its move across that are done.
+    crossed: f64,
     past: VecDeque<Motion>,
 }
 
@@ -100,10 +106,13 @@ impl Other {
             now,
             script: Script::Hold,
             sideways: None,
+            announced: None,
+            is_heard: true,
             brake_mps2,
             accel_max_mps2: ACCEL_MPS2,
             accel_mps2: 0.0,
             from_d_m: now.d_m,
+            crossed: 0.0,
             past: VecDeque::new(),
         }
     }
@@ -137,7 +146,10 @@ impl Other {
         let before = self.now;
         self.past.push_front(before);
         self.past.truncate(MEMORY_STEPS);
-        let (d_m, sideways_mps) = self.across(step + 1);
+        if (self.sideways).is_some_and(|sideways| step + 1 >= sideways.start) {
+            self.crossed += share_of_full(before.speed_mps);
+        }
+        let (d_m, sideways_mps) = self.across();
         let stretch = 1.0 - road.curvature(before.s_m) * before.d_m;
         self.now = Motion {
             s_m: before.s_m + before.speed_mps * STEP_S / stretch,
@@ -147,11 +159,35 @@ impl Other {
         };
     }
 
-    fn across(&self, step: usize) -> (f64, f64) {
-        let Some(sideways) = self.sideways.filter(|sideways| step >= sideways.start) else {
+    /// A CAV announces its lane change `ahead` steps before it begins, unless the lane is `taken` by
+    /// one that announced it before: then it stays where it is.
+    pub fn announce(&mut self, step: usize, ahead: usize, taken_d_m: Option<f64>) {
+        let Some(sideways) = self.sideways.filter(|_| self.station.is_some()) else {
+            return;
+        };
+        if self.crossed >= sideways.steps as f64 {
+            self.announced = None;
+        }
+        if step + ahead != sideways.start {
+            return;
+        }
+        if taken_d_m.is_some_and(|d_m| (d_m - sideways.to_m).abs() < 0.5) {
+            self.sideways = None;
+            return;
+        }
+        let action = if sideways.to_m > self.now.d_m {
+            Action::ChangeLeft
+        } else {
+            Action::ChangeRight
+        };
+        self.announced = Some((action, step as f64 * STEP_S));
+    }
+
+    fn across(&self) -> (f64, f64) {
+        let Some(sideways) = self.sideways.filter(|_| self.crossed > 0.0) else {
             return (self.now.d_m, 0.0);
         };
-        let share = ((step - sideways.start) as f64 / sideways.steps as f64).min(1.0);
+        let share = (self.crossed / sideways.steps as f64).min(1.0);
         let angle = std::f64::consts::PI * share;
         let rise_m = sideways.to_m - self.from_d_m;
         let per_s = std::f64::consts::PI / (sideways.steps as f64 * STEP_S);
@@ -217,23 +253,38 @@ impl Other {
             s_m,
             d_m,
             speed_mps,
-            sideways_mps,
+            ..
         } = self.now;
         let center = road.pose_from_frenet(s_m, d_m, heading_rad(&self.now));
-        let state = BicycleState {
-            pose: self.dimensions.axle_pose(center),
-            speed_mps: speed_mps.hypot(sideways_mps),
+        let pose = self.dimensions.axle_pose(center);
+        let state = BicycleState { pose, speed_mps };
+        // One that drives as it likes keeps none of the promises of a CAV.
+        let kind = match (self.station, self.script) {
+            (Some(_), Script::Follow { .. }) => VehicleKind::Cav,
+            _ => VehicleKind::Human,
         };
-        let kind = match self.station {
-            Some(_) => VehicleKind::Cav,
-            None => VehicleKind::Human,
-        };
-        TrueVehicle::new(VehicleId(self.id), kind, self.dimensions, state, s_m, road)
+        let mut truth =
+            TrueVehicle::new(VehicleId(self.id), kind, self.dimensions, state, s_m, road);
+        // Along the road it is as fast as its script says, wherever its axle points.
+        truth.speed_mps = speed_mps / truth.frenet.psi_rad.cos().max(LEAST_COSINE);
+        truth.velocity = pose.forward() * truth.speed_mps;
+        truth
     }
 }
 
-/// A slower vehicle slides sideways rather than swing its rear about at once.
+/// No vehicle is turned farther from the road than this.
+const LEAST_COSINE: f64 = 0.1;
+/// A slower vehicle moves across the slower, and not at all when it stands.
 const SLOW_MPS: f64 = 3.0;
+
+fn share_of_full(speed_mps: f64) -> f64 {
+    (speed_mps / SLOW_MPS).min(1.0)
+}
+
+/// Speed across the road, to the left.
+pub(super) fn sideways_mps(motion: &Motion) -> f64 {
+    motion.sideways_mps * share_of_full(motion.speed_mps)
+}
 
 /// Heading relative to the road.
 pub(super) fn heading_rad(motion: &Motion) -> f64 {

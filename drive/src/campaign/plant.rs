@@ -1,6 +1,12 @@
 use covista_control::SafetySettings;
 use covista_world::{
-    BicycleState, ControlInput, STEP_S, Se2Pose, VehicleDimensions, bicycle_step, wrap_angle,
+    BicycleState, ControlInput, FrenetPose, Road, STEP_S, Se2Pose, VehicleDimensions, bicycle_step,
+    wrap_angle,
+};
+
+use super::{
+    lag::{Motion, lag_share, led},
+    sedan::{Sedan, Sway},
 };
 
 /// What moves when the controller's input is applied.
@@ -12,6 +18,9 @@ pub enum PlantModel {
     Lag {
         /// Time constant of both actuators in seconds.
         time_constant_s: f64,
+        /// Whether the controller is told the state that the actuators lead to, instead of the
+        /// state that is.
+        is_told: bool,
     },
     /// Lateral velocity and yaw rate of a bicycle on linear tyres.
     Dynamic,
@@ -22,7 +31,13 @@ impl PlantModel {
     pub fn name(self) -> String {
         match self {
             Self::Kinematic => "kinematic".to_owned(),
-            Self::Lag { time_constant_s } => format!("lag-{time_constant_s:.1}-s"),
+            Self::Lag {
+                time_constant_s,
+                is_told,
+            } => {
+                let told = if is_told { "-told" } else { "" };
+                format!("lag-{time_constant_s:.1}-s{told}")
+            }
             Self::Dynamic => "dynamic-bicycle".to_owned(),
         }
     }
@@ -41,55 +56,8 @@ pub(super) struct Disturbance {
     pub curvature: f64,
 }
 
-/// A sedan on linear tyres.
-///
-/// ```text
-/// m (vy' + v r) = F_f cos(delta) + F_r,   I_z r' = a F_f cos(delta) - b F_r
-/// F_f = -C_f (atan2(vy + a r, v) - delta),   F_r = -C_r atan2(vy - b r, v)
-/// ```
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Sedan {
-    pub mass_kg: f64,
-    pub yaw_inertia_kgm2: f64,
-    /// Centre of mass to the front axle, in metres.
-    pub to_front_m: f64,
-    /// Centre of mass to the rear axle, in metres.
-    pub to_rear_m: f64,
-    /// Of both front tyres, in N/rad.
-    pub front_stiffness: f64,
-    /// Of both rear tyres, in N/rad.
-    pub rear_stiffness: f64,
-}
-
-/// Below this speed the tyres roll without slip; up to [`DYNAMIC_MPS`] the models are blended.
-const KINEMATIC_MPS: f64 = 3.0;
-const DYNAMIC_MPS: f64 = 5.0;
 /// Slower than this is standstill, but for rounding.
 const STANDSTILL_MPS: f64 = 1e-9;
-/// Steps of the tyres' fast dynamics in one of the controller's.
-const SUBSTEPS: usize = 10;
-
-impl Sedan {
-    /// A mid-size sedan with this wheelbase, a little more of its weight on the front axle.
-    pub fn new(wheelbase_m: f64) -> Self {
-        Self {
-            mass_kg: 1500.0,
-            yaw_inertia_kgm2: 2500.0,
-            to_front_m: 0.45 * wheelbase_m,
-            to_rear_m: 0.55 * wheelbase_m,
-            front_stiffness: 120e3,
-            rear_stiffness: 130e3,
-        }
-    }
-
-    /// Understeer gradient K in rad s^2/m: at steady state `delta = L kappa + K v^2 kappa`.
-    #[cfg(test)]
-    pub fn understeer(&self) -> f64 {
-        let wheelbase_m = self.to_front_m + self.to_rear_m;
-        self.mass_kg / wheelbase_m
-            * (self.to_rear_m / self.front_stiffness - self.to_front_m / self.rear_stiffness)
-    }
-}
 
 /// The plant and the states that the kinematic model has not.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -100,20 +68,54 @@ pub(super) struct Plant {
     dimensions: VehicleDimensions,
     /// What the actuators do.
     actual: ControlInput,
-    /// Lateral velocity of the centre of mass in m/s.
-    lateral_mps: f64,
-    yaw_rate_radps: f64,
+    sway: Sway,
 }
 
 impl Plant {
-    pub fn new(model: PlantModel, state: BicycleState, dimensions: VehicleDimensions) -> Self {
-        Self {
+    /// At `state`, or, where the controller is told what a lag leads to, so far behind that it is
+    /// told `state`. Steering and tyres have settled on the road's curve.
+    pub fn new(
+        model: PlantModel,
+        state: BicycleState,
+        dimensions: VehicleDimensions,
+        road: &Road,
+    ) -> Self {
+        let now = road.to_frenet_pose(state.pose);
+        let curvature = now.curvature_per_m / (1.0 - now.curvature_per_m * now.d_m);
+        let mut plant = Self {
             model,
             state,
             dimensions,
-            actual: ControlInput::default(),
-            lateral_mps: 0.0,
-            yaw_rate_radps: 0.0,
+            actual: ControlInput {
+                tan_delta: curvature * dimensions.wheelbase_m,
+                accel_mps2: 0.0,
+            },
+            sway: Sedan::new(dimensions.wheelbase_m).settled(state.speed_mps, curvature),
+        };
+        let (_, told) = plant.told(now, road);
+        if told != now {
+            let behind_m = 2.0 * now.s_m - told.s_m;
+            plant.state.pose = road.pose_from_frenet(behind_m, now.d_m, now.psi_rad);
+        }
+        plant
+    }
+
+    /// The own state as the controller is told it, in the plane and on the road; `now` is where
+    /// the plant is.
+    pub fn told(&self, now: FrenetPose, road: &Road) -> (BicycleState, FrenetPose) {
+        match self.model {
+            PlantModel::Lag {
+                time_constant_s,
+                is_told: true,
+            } => {
+                let motion = Motion {
+                    speed_mps: self.state.speed_mps,
+                    accel_mps2: self.actual.accel_mps2,
+                    curvature_per_m: self.actual.tan_delta / self.dimensions.wheelbase_m,
+                };
+                led(time_constant_s, motion, now, road)
+            }
+            _ => (self.state, now),
         }
     }
 
@@ -123,13 +125,17 @@ impl Plant {
         let wheelbase_m = self.dimensions.wheelbase_m;
         match self.model {
             PlantModel::Kinematic => self.state = bicycle_step(before, u, wheelbase_m),
-            PlantModel::Lag { time_constant_s } => {
-                let share = 1.0 - (-STEP_S / time_constant_s).exp();
+            PlantModel::Lag {
+                time_constant_s, ..
+            } => {
+                let share = lag_share(time_constant_s);
                 self.actual.tan_delta += share * (u.tan_delta - self.actual.tan_delta);
                 self.actual.accel_mps2 += share * (u.accel_mps2 - self.actual.accel_mps2);
                 self.state = bicycle_step(before, self.actual, wheelbase_m);
             }
-            PlantModel::Dynamic => self.dynamic_step(u),
+            PlantModel::Dynamic => {
+                (self.state, self.sway) = Sedan::new(wheelbase_m).step(before, self.sway, u);
+            }
         }
         self.disturb(before, disturbance, bounds);
     }
@@ -159,44 +165,12 @@ impl Plant {
             self.state.speed_mps = (self.state.speed_mps + faster_mps).max(0.0);
         }
     }
-
-    fn dynamic_step(&mut self, u: ControlInput) {
-        let sedan = Sedan::new(self.dimensions.wheelbase_m);
-        let v = self.state.speed_mps;
-        let rolling = ((DYNAMIC_MPS - v) / (DYNAMIC_MPS - KINEMATIC_MPS)).clamp(0.0, 1.0);
-        let delta = u.tan_delta.atan();
-        let dt = STEP_S / SUBSTEPS as f64;
-        for _ in 0..SUBSTEPS {
-            let (vy, r) = (self.lateral_mps, self.yaw_rate_radps);
-            let rolled_r = v * u.tan_delta / self.dimensions.wheelbase_m;
-            let rolled_vy = rolled_r * sedan.to_rear_m;
-            if rolling < 1.0 {
-                let front =
-                    sedan.front_stiffness * (delta - ((vy + sedan.to_front_m * r) / v).atan());
-                let rear = -sedan.rear_stiffness * ((vy - sedan.to_rear_m * r) / v).atan();
-                let front = front * delta.cos();
-                let vy_next = vy + dt * ((front + rear) / sedan.mass_kg - v * r);
-                let moment = sedan.to_front_m * front - sedan.to_rear_m * rear;
-                let r_next = r + dt * moment / sedan.yaw_inertia_kgm2;
-                self.lateral_mps = rolling * rolled_vy + (1.0 - rolling) * vy_next;
-                self.yaw_rate_radps = rolling * rolled_r + (1.0 - rolling) * r_next;
-            } else {
-                (self.lateral_mps, self.yaw_rate_radps) = (rolled_vy, rolled_r);
-            }
-            // The rear axle moves sideways by what the tyres slip.
-            let axle_mps = self.lateral_mps - sedan.to_rear_m * self.yaw_rate_radps;
-            let pose = &mut self.state.pose;
-            let (sin, cos) = pose.yaw_rad.sin_cos();
-            pose.x_m += dt * (v * cos - axle_mps * sin);
-            pose.y_m += dt * (v * sin + axle_mps * cos);
-            pose.yaw_rad = wrap_angle(pose.yaw_rad + dt * self.yaw_rate_radps);
-        }
-        self.state.speed_mps = (v + u.accel_mps2 * STEP_S).max(0.0);
-    }
 }
 
 #[cfg(test)]
 mod tests {
+    use covista_world::RoadSegment;
+
     use super::*;
 
     const DIMENSIONS: VehicleDimensions = VehicleDimensions {
@@ -212,29 +186,9 @@ mod tests {
             pose: Se2Pose::default(),
             speed_mps,
         };
-        Plant::new(model, state, DIMENSIONS)
-    }
-
-    #[test]
-    fn the_dynamic_bicycle_settles_at_the_understeer_formula() {
-        for (v, delta) in [(10.0, 0.03), (20.0, 0.015), (30.0, 0.008)] {
-            let mut plant = at(PlantModel::Dynamic, v);
-            let u = ControlInput {
-                tan_delta: f64::tan(delta),
-                accel_mps2: 0.0,
-            };
-            for _ in 0..1000 {
-                plant.step(u, Disturbance::default(), &SafetySettings::default());
-            }
-            let curvature = plant.yaw_rate_radps / v;
-            let k = Sedan::new(DIMENSIONS.wheelbase_m).understeer();
-            let expected = delta / (DIMENSIONS.wheelbase_m + k * v * v);
-            assert!(k > 0.0);
-            assert!(
-                (curvature / expected - 1.0).abs() < 0.01,
-                "{curvature} {expected}"
-            );
-        }
+        let straight = [RoadSegment::Straight { length_m: 2e3 }];
+        let road = Road::new(Se2Pose::default(), &straight, 3.5).expect("a road");
+        Plant::new(model, state, DIMENSIONS, &road)
     }
 
     #[test]
@@ -258,6 +212,7 @@ mod tests {
         let mut lag = at(
             PlantModel::Lag {
                 time_constant_s: 0.3,
+                is_told: false,
             },
             20.0,
         );
@@ -272,6 +227,56 @@ mod tests {
         }
         let later_m = lag.state.pose.x_m - ideal.state.pose.x_m;
         assert!((later_m - 0.3 * 20.0).abs() < 0.5, "{later_m}");
+    }
+
+    /// Over throttle, brakes and a stop that is not reached; the controller's model in between.
+    #[test]
+    fn what_a_lag_leads_to_moves_as_if_there_were_none() {
+        let straight = [RoadSegment::Straight { length_m: 2e3 }];
+        let road = Road::new(Se2Pose::default(), &straight, 3.5).expect("a road");
+        let model = PlantModel::Lag {
+            time_constant_s: 0.3,
+            is_told: true,
+        };
+        let mut lag = at(model, 20.0);
+        let mut ideal = at(PlantModel::Kinematic, 20.0);
+        assert!(lag.state.pose.x_m < ideal.state.pose.x_m - 5.0);
+        for step in 0..600 {
+            let (told, _) = lag.told(road.to_frenet_pose(lag.state.pose), &road);
+            let apart = told.pose.position() - ideal.state.pose.position();
+            assert!(apart.norm() < 1e-6, "{step}: {apart}");
+            assert!((told.speed_mps - ideal.state.speed_mps).abs() < 1e-9);
+            assert!(lag.state.pose.x_m < told.pose.x_m);
+            let brakes = step % 200 < 80;
+            let u = ControlInput {
+                tan_delta: 0.0,
+                accel_mps2: if brakes { -8.0 } else { 3.0 },
+            };
+            for plant in [&mut lag, &mut ideal] {
+                plant.step(u, Disturbance::default(), &SafetySettings::default());
+            }
+        }
+    }
+
+    #[test]
+    fn a_lag_that_is_told_starts_where_it_is_told_to_be_on_a_curve_too() {
+        let arc = [RoadSegment::Arc {
+            length_m: 300.0,
+            curvature_per_m: 0.01,
+        }];
+        let road = Road::new(Se2Pose::default(), &arc, 3.5).expect("a road");
+        let state = BicycleState {
+            pose: road.pose_from_frenet(50.0, 0.4, 0.0),
+            speed_mps: 15.0,
+        };
+        let model = PlantModel::Lag {
+            time_constant_s: 0.2,
+            is_told: true,
+        };
+        let plant = Plant::new(model, state, DIMENSIONS, &road);
+        let (told, there) = plant.told(road.to_frenet_pose(plant.state.pose), &road);
+        assert!((told.pose.position() - state.pose.position()).norm() < 1e-3);
+        assert!(there.psi_rad.abs() < 1e-3 && (there.d_m - 0.4).abs() < 1e-6);
     }
 
     #[test]

@@ -1,12 +1,16 @@
 use std::sync::Arc;
 
-use covista_control::{ControlSettings, RoadProfile};
+use covista_control::{ControlSettings, Controller, EgoState, RoadProfile, SightLine, Situation};
 use covista_traffic::{VehicleId, VehicleKind};
-use covista_world::{BicycleState, LaneIndex, Road, RoadError, StationId, VehicleDimensions};
+use covista_world::{
+    Action, BicycleState, LANE_COUNT, LaneIndex, Road, StationId, VehicleDimensions,
+};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
+use serde::Serialize;
 
 use super::{
+    CampaignError,
     broken::Broken,
     estimate::{ErrorMode, Estimate, Messages},
     exact::SafeSet,
@@ -17,7 +21,8 @@ use super::{
 use crate::TrueVehicle;
 
 /// What an episode is about.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Family {
     /// An empty road: curves, and steering against the edges of the lane.
     Open,
@@ -66,6 +71,9 @@ pub(super) const EGO: VehicleDimensions = VehicleDimensions {
     rear_overhang_m: 0.95,
 };
 pub(super) const EGO_ID: u32 = 0;
+/// Lane changes to either side, and none.
+pub(super) const ANY_WISH: [Action; 3] =
+    [Action::KeepLane, Action::ChangeLeft, Action::ChangeRight];
 
 /// Another vehicle and what the ego vehicle can know of it.
 #[derive(Debug, Clone)]
@@ -93,8 +101,8 @@ pub(super) struct Scenario {
     pub sight_error_m: f64,
     /// Steps from the first line of sight to a track.
     pub delay_steps: usize,
-    /// Whether the ego vehicle asks for lane changes.
-    pub changes_lanes: bool,
+    /// What the ego vehicle asks for, one or the other in turns: no lane change where empty.
+    pub wishes: Vec<Action>,
 }
 
 /// Draws an episode: road, ego vehicle, and others near the edge of the safe set.
@@ -103,7 +111,7 @@ pub(super) fn draw(
     control: &ControlSettings,
     broken: Option<Broken>,
     dice: &mut ChaCha8Rng,
-) -> Result<Scenario, RoadError> {
+) -> Result<Scenario, CampaignError> {
     let safety = &control.safety;
     let road = Arc::new(draw_road(dice)?);
     let profile = RoadProfile::new(road.clone(), control);
@@ -112,11 +120,11 @@ pub(super) fn draw(
     let sight_range_m = dice.random_range(safety.sight_range_m..220.0);
     let s_m = dice.random_range(2.0..120.0);
     let speed_mps = ego_speed(&road, &profile, s_m, sight_range_m, control, dice);
-    let d_m = road.lane_center_m(lane) + dice.random_range(-0.3..0.3);
-    let state = BicycleState {
-        pose: road.pose_from_frenet(s_m, d_m, 0.0),
-        speed_mps,
-    };
+    let room_m = 0.5 * (road.lane_width_m() - EGO.width_m);
+    let off_m = room_m * dice.random_range(-1.0..1.0);
+    let psi_rad = dice.random_range(-0.15..0.15);
+    let at = [s_m, off_m, psi_rad];
+    let state = within_lane(&profile, lane, at, speed_mps, control)?;
     let mut stage = Stage {
         set: SafeSet {
             settings: safety,
@@ -126,6 +134,7 @@ pub(super) fn draw(
         lane,
         broken,
         cast: Vec::new(),
+        side: None,
     };
     match family {
         Family::Open => {}
@@ -135,7 +144,7 @@ pub(super) fn draw(
         Family::CutOut => stage.cut_out(dice),
         Family::LaneChange => stage.lane_change(dice),
     }
-    let cast = stage.cast;
+    let Stage { cast, side, .. } = stage;
     let policy = match dice.random_range(0..10) {
         0..4 => NominalPolicy::FlatOut,
         4 | 5 => NominalPolicy::FlatOutSwerving,
@@ -166,9 +175,48 @@ pub(super) fn draw(
         sight_range_m,
         sight_error_m: safety.sight_error_m * f64::from(dice.random_range(0..=2_u8)) / 2.0,
         delay_steps: dice.random_range(0..=max_delay),
-        changes_lanes: family == Family::LaneChange || dice.random_bool(0.2),
+        wishes: match side {
+            Some(side) => vec![side],
+            None if family == Family::LaneChange || dice.random_bool(0.2) => ANY_WISH.to_vec(),
+            None => Vec::new(),
+        },
         road,
     })
+}
+
+/// As far off the lane's centre and as turned as asked, or less: inside the lateral set as the
+/// controller has it.
+fn within_lane(
+    profile: &RoadProfile,
+    lane: LaneIndex,
+    [s_m, off_m, psi_rad]: [f64; 3],
+    speed_mps: f64,
+    control: &ControlSettings,
+) -> Result<BicycleState, CampaignError> {
+    let road = profile.road();
+    let nobody = SightLine::new([f64::INFINITY; LANE_COUNT as usize], 0.0);
+    let mut controller = Controller::new(*control, lane)?;
+    let state = |share: f64| {
+        let d_m = road.lane_center_m(lane) + share * off_m;
+        BicycleState {
+            pose: road.pose_from_frenet(s_m, d_m, share * psi_rad),
+            speed_mps,
+        }
+    };
+    let mut is_inside = |state: BicycleState| {
+        let situation = Situation {
+            profile,
+            ego: EgoState::new(StationId(EGO_ID), state, EGO, road),
+            neighbours: &[],
+            sight: &nobody,
+            time_s: 0.0,
+            desired_speed_mps: speed_mps,
+        };
+        controller.control(&situation).h_lateral_m >= 0.0
+    };
+    let shares = (0..10).map(|i| 1.0 - f64::from(i) / 10.0);
+    let fits = shares.map(state).find(|state| is_inside(*state));
+    Ok(fits.unwrap_or_else(|| state(0.0)))
 }
 
 /// As fast as the curves ahead and, most of the time, the sight allow.
@@ -243,6 +291,11 @@ fn estimate(
             estimate.messages = Messages::Late(3 * oldest);
             estimate.conceals_age = true;
         }
+        // The ego vehicle knows its follower as it is, but for what it does next.
+        Some(Broken::FollowerAcceleration | Broken::FollowerBraking) => {
+            estimate.error = ErrorMode::None;
+            estimate.messages = Messages::Fresh;
+        }
         _ => {}
     }
     estimate
@@ -255,6 +308,8 @@ struct Stage<'a> {
     lane: LaneIndex,
     broken: Option<Broken>,
     cast: Vec<Cast>,
+    /// The only lane change that is to be asked for.
+    side: Option<Action>,
 }
 
 impl Stage<'_> {
@@ -425,8 +480,16 @@ impl Stage<'_> {
             return;
         };
         let follower_only = self.broken.is_some_and(Broken::is_about_followers);
+        if follower_only {
+            let is_left = self.lane.left() == Some(target);
+            self.side = Some(if is_left {
+                Action::ChangeLeft
+            } else {
+                Action::ChangeRight
+            });
+        }
         let mut lanes = vec![self.lane, target];
-        if dice.random() {
+        if !follower_only && dice.random() {
             lanes.extend(LaneIndex::all().find(|lane| *lane != self.lane && *lane != target));
         }
         for lane in lanes {
@@ -444,6 +507,16 @@ impl Stage<'_> {
             };
             if dice.random() {
                 other.station = Some(StationId(other.id + 10));
+                other.is_heard = dice.random_bool(0.7);
+            }
+            // A CAV beyond the target lane may want that, too.
+            let is_beyond = lane != self.lane && lane != target;
+            if is_beyond && other.station.is_some() && dice.random() {
+                other.sideways = Some(Sideways {
+                    start: dice.random_range(31..500),
+                    steps: dice.random_range(250..500),
+                    to_m: self.set.road.lane_center_m(target),
+                });
             }
             self.push(other, true);
         }
@@ -457,7 +530,7 @@ impl Stage<'_> {
         let v = self.ego.speed_mps;
         let slowest = if self.broken.is_some() { 0.0 } else { -5.0 };
         let speed_mps = (v + dice.random_range(slowest..8.0)).clamp(0.0, TOP_MPS);
-        let is_cav = dice.random_bool(0.4);
+        let is_cav = self.broken.is_none() && dice.random_bool(0.4);
         let rho = if is_cav {
             safety.reaction_cav_s
         } else {
@@ -468,7 +541,12 @@ impl Stage<'_> {
         let stop_m = speed_mps * rho + top * top / (2.0 * safety.follower_brake_mps2);
         let closed_m = (stop_m - v * v / (2.0 * safety.brake_mps2)).max(0.0);
         let keep_m = safety.headway_safe_m - 0.5 * (dimensions.length_m + EGO.length_m);
-        let room_m = closed_m + keep_m + dice.random_range(-1.0..12.0);
+        let spare_m = if self.side.is_some() {
+            dice.random_range(2.0..20.0)
+        } else {
+            dice.random_range(-1.0..12.0)
+        };
+        let room_m = closed_m + keep_m + spare_m;
         let road = self.set.road;
         let motion = Motion {
             s_m: self.ego.s_range_m[0] - room_m - dimensions.length_m / 2.0,
@@ -499,6 +577,7 @@ impl Stage<'_> {
         };
         if is_cav {
             other.station = Some(StationId(id + 10));
+            other.is_heard = dice.random_bool(0.7);
         }
         self.push(other, true);
     }

@@ -6,6 +6,7 @@ fn spec(steps: u64, broken: Option<Broken>) -> CampaignSpec {
         steps,
         control: ControlSettings::default(),
         broken,
+        nominal: Nominals::All,
         plant: PlantModel::Kinematic,
     }
 }
@@ -42,17 +43,66 @@ fn every_step_is_made_and_told() {
     assert_eq!(most.into_inner(), steps);
 }
 
+/// Steps after which each broken assumption has shown, and the one that the monitor names most.
+fn named(broken: Broken) -> Option<&'static str> {
+    let found = all(&spec(60_000, Some(broken)));
+    if broken.is_about_followers() {
+        assert!(found.rear_gap_breaches > 5, "{found:?}");
+        found.most_frequent_rear_cause()
+    } else {
+        assert!(found.violations > 5, "{found:?}");
+        found.most_frequent_cause()
+    }
+}
+
 #[test]
-fn a_leader_that_brakes_too_hard_is_found_and_named() {
-    let found = all(&spec(60_000, Some(Broken::LeaderBraking)));
-    assert!(found.violations > 0, "{found:?}");
-    assert_eq!(found.most_frequent_cause(), Some("leader-braking"));
+fn every_assumption_that_is_broken_on_purpose_is_found_and_named() {
+    for broken in Broken::ALL {
+        assert_eq!(named(broken), Some(broken.cause()), "{}", broken.name());
+    }
+}
+
+#[test]
+fn with_no_assumption_broken_none_is_named_and_nothing_happens() {
+    let found = all(&spec(300_000, None));
+    let allowed = ["start", "cut-in", "revealed", "leaving"];
+    assert!(
+        found.cause.keys().all(|cause| allowed.contains(cause)),
+        "{:?}",
+        found.cause
+    );
+    let bad = [
+        found.violations,
+        found.headway_violations,
+        found.infeasible,
+        found.collisions,
+        found.lane_excess_steps,
+        found.bad_inputs,
+        found.curve_speed_steps,
+        found.lateral_accel_steps,
+        found.unattributed,
+    ];
+    assert_eq!(bad, [0; 9], "{found:?}");
+}
+
+#[test]
+fn an_episode_that_is_looked_at_is_the_one_of_the_campaign() {
+    let spec = spec(18_000, Some(Broken::LeaderBraking));
+    let found = all(&spec);
+    let id = found.first_bad_episode.expect("a violation");
+    let (tally, lines) = look_at_episode(&spec, id).expect("an episode");
+    assert!(tally.is_bad() && tally.lines.is_none());
+    assert!(
+        lines.iter().any(|line| line.starts_with("step ")),
+        "{lines:?}"
+    );
 }
 
 #[test]
 fn a_plant_with_a_lag_breaks_the_headway_of_the_model() {
     let lag = PlantModel::Lag {
         time_constant_s: 0.3,
+        is_told: false,
     };
     let found = all(&CampaignSpec {
         plant: lag,

@@ -16,10 +16,10 @@ use super::{
     CampaignError, Family,
     episode::{Conditions, Episode},
     estimate::{ErrorMode, Estimate, Messages},
-    nominal::{NoiseMode, Nominal, NominalPolicy},
+    nominal::{NoiseMode, Nominal, NominalPolicy, Nominals},
     other::{Motion, Other},
     plant::PlantModel,
-    scenario::{self, Cast, EGO, Scenario},
+    scenario::{self, ANY_WISH, Cast, EGO, Scenario},
 };
 
 /// What is timed.
@@ -161,6 +161,7 @@ fn record(
         control: *settings,
         plant: PlantModel::Kinematic,
         broken: None,
+        nominal: Nominals::All,
         noise: settings.safety,
         is_monitored: false,
     };
@@ -252,7 +253,11 @@ fn crowd(settings: &ControlSettings, changes_lanes: bool) -> Result<Scenario, Ca
         sight_range_m: 200.0,
         sight_error_m: 0.0,
         delay_steps: 0,
-        changes_lanes,
+        wishes: if changes_lanes {
+            ANY_WISH.to_vec()
+        } else {
+            Vec::new()
+        },
         road,
     })
 }

@@ -2,8 +2,8 @@ use covista_control::SafetySettings;
 use covista_traffic::VehicleKind;
 use covista_world::{LaneIndex, Road};
 
-use super::{Cause, closing::Closing, knowledge::ErrorBound};
-use crate::truth::{Lanes, TrueVehicle};
+use super::{Cause, closing::Closing, knowledge::Member};
+use crate::truth::{Lanes, TrueVehicle, shortest_m};
 
 /// The true barriers of one CAV at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -23,9 +23,9 @@ pub struct TrueBarriers {
 pub(super) struct Ahead {
     pub h_m: f64,
     pub h0_m: f64,
-    /// h, less all that the promise allows for: noise, curvature, and how wrong the CAV's track of
-    /// it may be.
-    pub h_promised_m: f64,
+    /// h in the set's own definition: less what the promise allows for noise and curvature, and for
+    /// the bodies' headings.
+    pub set_h_m: f64,
     pub headway_m: f64,
     /// Time to collision, while the gap closes.
     pub ttc_s: Option<f64>,
@@ -65,36 +65,56 @@ impl<'a> Gaps<'a> {
         }
     }
 
-    /// The barriers towards `other`, known as well as `error` says, where it is ahead in one of
-    /// `lanes`.
-    pub fn ahead(&self, other: &TrueVehicle, lanes: Lanes, error: ErrorBound) -> Option<Ahead> {
+    /// The barriers towards `other`, where it is ahead in one of `lanes`.
+    pub fn ahead(&self, other: &TrueVehicle, lanes: Lanes) -> Option<Ahead> {
         if lanes.is_empty() || !self.ego.is_behind(other) {
             return None;
         }
         let gap_m = self.ego.gap_to_m(other, lanes, self.road);
         let (v, v_k) = (self.ego.speed_mps, other.along_mps());
         let half_lengths_m = 0.5 * (self.ego.dimensions.length_m + other.dimensions.length_m);
-        let keep_m = self.settings.headway_safe_m - half_lengths_m;
+        let keep_m = self.keep_m(other.dimensions.length_m);
         let closing_m = self.plain.distance_m(v, v_k);
         let closing_mps = self.ego.along_mps() - v_k;
+        let stretch = (1.0 - other.frenet.curvature_per_m * other.frenet.d_m).max(0.2);
+        let body = Member {
+            rear_s_m: other.middle_s_m() - other.half_diagonal_m() / stretch,
+            along_mps: v_k,
+            length_m: other.dimensions.length_m,
+        };
         Some(Ahead {
             h_m: gap_m - keep_m - closing_m,
             h0_m: gap_m - self.settings.collision_margin_m - closing_m,
-            h_promised_m: gap_m
-                - self.turning_reach_m()
-                - error.position_m
-                - keep_m
-                - self.promised.distance_m(v, v_k - error.speed_mps),
+            set_h_m: self.set_h_m(&body, lanes),
             headway_m: gap_m + half_lengths_m,
             ttc_s: (closing_mps > 0.0).then(|| gap_m.max(0.0) / closing_mps),
         })
     }
 
+    /// h in the set's own definition towards what a vehicle in one of `lanes` may be.
+    pub fn set_h_m(&self, body: &Member, lanes: Lanes) -> f64 {
+        let way_m = shortest_m([self.ego.frenet.s_m, body.rear_s_m], lanes, self.road);
+        let closing_m = (self.promised).distance_m(self.ego.speed_mps, body.along_mps);
+        way_m - self.front_reach_m() - self.keep_m(body.length_m) - closing_m
+    }
+
+    /// P_bumper, and never less than the margin of the collision level.
+    fn keep_m(&self, length_m: f64) -> f64 {
+        let half_lengths_m = 0.5 * (self.ego.dimensions.length_m + length_m);
+        (self.settings.headway_safe_m - half_lengths_m).max(self.settings.collision_margin_m)
+    }
+
     /// What the front may gain towards the vehicle ahead by turning, and by the road's curvature.
     fn turning_reach_m(&self) -> f64 {
         let dimensions = &self.ego.dimensions;
+        self.front_reach_m() - (dimensions.length_m - dimensions.rear_overhang_m)
+    }
+
+    /// How far ahead of the rear axle the front may be, at any heading.
+    fn front_reach_m(&self) -> f64 {
+        let dimensions = &self.ego.dimensions;
         let front_m = dimensions.length_m - dimensions.rear_overhang_m;
-        self.promised.behind_rate * front_m.hypot(dimensions.width_m / 2.0) - front_m
+        self.promised.behind_rate * front_m.hypot(dimensions.width_m / 2.0)
     }
 
     /// The sight barrier in `lane`, free up to road s `clear_s_m`.

@@ -11,7 +11,8 @@ use crate::truth::{Lanes, TrueVehicle};
 /// One CAV from step to step.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct CavState {
-    pub lanes: Option<Lanes>,
+    /// Lanes that it is in, enters or leaves.
+    pub claimed: Option<Lanes>,
     pub changing: bool,
     pub plant: Plant,
     pub jerk: JerkMeter,

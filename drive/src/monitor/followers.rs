@@ -5,7 +5,6 @@ use super::{
     Cause, CavView, Encounter, Instant, Monitor, TOLERANCE_M,
     barriers::{Gaps, reaction_s},
     cav_state::CavState,
-    knowledge::ErrorBound,
     motion::Motion,
 };
 use crate::truth::{Lanes, TrueVehicle};
@@ -77,7 +76,7 @@ impl Monitor {
             if !in_lane {
                 continue;
             }
-            let h0_m = match gaps.ahead(other, Lanes::only(to), ErrorBound::default()) {
+            let h0_m = match gaps.ahead(other, Lanes::only(to)) {
                 Some(ahead) => ahead.h0_m,
                 None => gaps.behind_before_reaction_m(other, to),
             };

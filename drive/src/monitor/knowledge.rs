@@ -1,16 +1,16 @@
 use covista_control::{SafetySettings, SightLine};
 use covista_traffic::VehicleId;
-use covista_world::{LaneIndex, Road, Track};
+use covista_world::{LaneIndex, Road, Se2Pose, Track};
 use nalgebra::{Rotation2, Vector2};
 
 use super::Cause;
-use crate::truth::{Lanes, TrueVehicle};
+use crate::truth::{Lanes, TrueVehicle, range};
 
 /// A track within this distance of a vehicle, and nearer to it than to any other, is a track of it.
 const SAME_OBJECT_M: f64 = 4.0;
 /// What projecting a body onto a curved road may be wrong by.
-const PROJECTION_M: f64 = 0.01;
-const PROJECTION_MPS: f64 = 0.01;
+const PROJECTION_M: f64 = 0.05;
+const PROJECTION_MPS: f64 = 0.05;
 /// How far from a lane a body may be for vision's lane of it to count.
 const VISION_LANE_REACH_M: f64 = 1.0;
 
@@ -35,6 +35,8 @@ pub(super) struct Other<'a> {
     pub shared: Lanes,
     /// What the CAV knows of it.
     pub track: Option<&'a Track>,
+    /// When it came into the newest of its lanes.
+    pub entered_s: f64,
     /// Since when it has been in sight.
     pub in_sight_since_s: Option<f64>,
     /// Distance along the road between the bumpers.
@@ -50,13 +52,13 @@ impl<'a> Knowledge<'a> {
                 .is_some_and(|station| VehicleId(station.0) == vehicle.id)
         };
         self.tracks.iter().find(own).or_else(|| {
-            let error_m2 =
-                |track: &Track| (track.state.center.position() - vehicle.center).norm_squared();
-            self.tracks
-                .iter()
-                .min_by(|a, b| error_m2(a).total_cmp(&error_m2(b)))
-                .filter(|track| error_m2(track) <= self.reach_m(track).powi(2))
-                .filter(|track| self.is_nearest_to(track, vehicle.id))
+            let reaches = |track: &&Track| {
+                let error_m = (track.state.center.position() - vehicle.center).norm();
+                error_m <= self.reach_m(track)
+            };
+            (self.tracks.iter().filter(reaches))
+                .min_by(|a, b| unlike(a, vehicle).total_cmp(&unlike(b, vehicle)))
+                .filter(|track| self.is_likest(track, vehicle.id))
         })
     }
 
@@ -65,13 +67,10 @@ impl<'a> Knowledge<'a> {
         SAME_OBJECT_M + 0.5 * self.settings.brake_mps2 * self.age_s(track).powi(2)
     }
 
-    fn is_nearest_to(&self, track: &Track, id: VehicleId) -> bool {
-        let position = track.state.center.position();
-        let distance_m2 = |vehicle: &TrueVehicle| (vehicle.center - position).norm_squared();
-        self.truth
-            .iter()
-            .min_by(|a, b| distance_m2(a).total_cmp(&distance_m2(b)))
-            .is_some_and(|nearest| nearest.id == id)
+    fn is_likest(&self, track: &Track, id: VehicleId) -> bool {
+        (self.truth.iter())
+            .min_by(|a, b| unlike(track, a).total_cmp(&unlike(track, b)))
+            .is_some_and(|likest| likest.id == id)
     }
 
     fn age_s(&self, track: &Track) -> f64 {
@@ -106,22 +105,19 @@ impl<'a> Knowledge<'a> {
     }
 
     /// Whether the truth lies outside of what the track, its deviations and its age allow, to the
-    /// side on which it matters: nearer and slower ahead, nearer and faster behind.
+    /// side on which it matters: nearer and slower ahead, nearer and faster behind. A lane that it
+    /// came into since it was measured is none that the track could tell of.
     fn is_misjudged(&self, other: &Other<'_>, track: &Track) -> bool {
         let (settings, vehicle) = (self.settings, other.vehicle);
         let known = OnRoad::new(track, self.road, vehicle.frenet.s_m, self.time_s);
         let age_s = self.age_s(track);
-        let allowed = ErrorBound::new(Some(track), settings);
-        let (position_m, speed_mps) = (allowed.position_m + PROJECTION_M, allowed.speed_mps);
-        let bumper = if other.ahead { 0 } else { 1 };
-        let (known_s_m, true_s_m) = (known.s_range_m[bumper], vehicle.s_range_m[bumper]);
-        let turned_rad = self.road.turn_rad(known_s_m, true_s_m);
-        let driven_m = true_s_m - known_s_m - vehicle.frenet.d_m * turned_rad;
+        let position_m = settings.error_sigmas * track.position_std_m + PROJECTION_M;
+        let speed_mps = settings.error_sigmas * track.velocity_std_mps;
+        let center = (self.road).to_frenet_near(vehicle.center, vehicle.frenet.s_m);
+        let turned_rad = self.road.turn_rad(known.center_s_m, center.s_m);
+        let driven_m = center.s_m - known.center_s_m - center.d_m * turned_rad;
         let beyond = if other.ahead {
-            let slow_mps = (known.along_mps - speed_mps).max(0.0);
-            let braked_s = age_s.min(slow_mps / settings.leader_brake_mps2);
-            let braked_m = (slow_mps - 0.5 * settings.leader_brake_mps2 * braked_s) * braked_s;
-            let braked_mps = (slow_mps - settings.leader_brake_mps2 * age_s).max(0.0);
+            let (braked_m, braked_mps) = known.braked(age_s, speed_mps, settings);
             let true_mps = vehicle.along_mps().max(0.0);
             driven_m < braked_m - position_m || true_mps < braked_mps - PROJECTION_MPS
         } else {
@@ -130,41 +126,70 @@ impl<'a> Knowledge<'a> {
             driven_m > (fast_mps + 0.5 * gained_mps) * age_s + position_m
                 || vehicle.along_mps() > fast_mps + gained_mps + PROJECTION_MPS
         };
-        let lanes = known.lanes(track, self.road, age_s, settings.lane_entry_m);
-        beyond || !other.shared.without(lanes).is_empty()
-    }
-}
-
-/// How wrong a track may be where it was measured.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct ErrorBound {
-    pub position_m: f64,
-    pub speed_mps: f64,
-}
-
-impl ErrorBound {
-    /// That of `track`; none without one.
-    pub fn new(track: Option<&Track>, settings: &SafetySettings) -> Self {
-        track.map_or(Self::default(), |track| Self {
-            position_m: settings.error_sigmas * track.position_std_m,
-            speed_mps: settings.error_sigmas * track.velocity_std_mps,
-        })
+        let could_tell = measured_s(track) >= other.entered_s;
+        let lanes = known.lanes(
+            track,
+            self.road,
+            age_s,
+            settings.lane_entry_m - PROJECTION_M,
+        );
+        beyond || could_tell && !other.shared.without(lanes).is_empty()
     }
 
-    /// The same, with what the vehicle may have done since `track` was measured: a CAV that wins
-    /// its distance back heeds that, too.
-    pub fn aged(self, track: Option<&Track>, time_s: f64, settings: &SafetySettings) -> Self {
-        let age_s = track.map_or(0.0, |track| (time_s - measured_s(track)).max(0.0));
-        let apart_mps2 = settings.leader_brake_mps2 + settings.follower_accel_mps2;
-        Self {
-            position_m: self.position_m + (self.speed_mps + 0.5 * apart_mps2 * age_s) * age_s,
-            speed_mps: self.speed_mps + settings.leader_brake_mps2 * age_s,
+    /// What `track` makes of a vehicle near road s `s_now_m`.
+    pub fn known(&self, track: &Track, s_now_m: f64) -> Known {
+        let settings = self.settings;
+        let body = OnRoad::new(track, self.road, s_now_m, self.time_s);
+        let age_s = self.age_s(track);
+        let length_m = track.state.length_m;
+        let error_m = settings.error_sigmas * track.position_std_m;
+        let error_mps = settings.error_sigmas * track.velocity_std_mps;
+        let (braked_m, braked_mps) = body.braked(age_s, error_mps, settings);
+        let driven_m = body.along_mps.max(0.0) * age_s;
+        let circle_m = 0.5 * length_m.hypot(track.state.width_m);
+        Known {
+            lanes: body.lanes(track, self.road, age_s, settings.lane_entry_m),
+            measured_s: measured_s(track),
+            middle_s_m: body.center_s_m + driven_m,
+            best: Member {
+                rear_s_m: body.s_range_m[0] + driven_m,
+                along_mps: body.along_mps.max(0.0),
+                length_m,
+            },
+            worst: Member {
+                rear_s_m: body.center_s_m - circle_m - error_m + braked_m,
+                along_mps: braked_mps,
+                length_m,
+            },
         }
     }
 }
 
+/// What a vehicle ahead may be.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Member {
+    /// Road s of its rearmost point.
+    pub rear_s_m: f64,
+    /// Speed along the road.
+    pub along_mps: f64,
+    pub length_m: f64,
+}
+
+/// What a track makes of a vehicle now.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Known {
+    pub lanes: Lanes,
+    pub measured_s: f64,
+    pub middle_s_m: f64,
+    /// By the newest measurement, at constant speed since.
+    pub best: Member,
+    /// As near and slow as error and age allow.
+    pub worst: Member,
+}
+
 /// A track's body along the road, where it was measured.
 struct OnRoad {
+    center_s_m: f64,
     s_range_m: [f64; 2],
     d_range_m: [f64; 2],
     along_mps: f64,
@@ -178,24 +203,43 @@ impl OnRoad {
         let center = state.center.position() - state.velocity_mps * straight_s;
         let hint_m = s_now_m - state.velocity_mps.norm() * (time_s - measured_s(track)).max(0.0);
         let point = road.to_frenet_near(center, hint_m);
-        let (line, curvature_per_m) = road.reference(point.s_m);
+        let (line, _) = road.reference(point.s_m);
         let velocity = Rotation2::new(-line.yaw_rad) * state.velocity_mps;
-        let (sin, cos) = (state.center.yaw_rad - line.yaw_rad).sin_cos();
         let half = Vector2::new(state.length_m, state.width_m) / 2.0;
-        let stretch = (1.0 - curvature_per_m * point.d_m).max(0.2);
-        let half_s_m = (half.x * cos.abs() + half.y * sin.abs()) / stretch;
-        let half_d_m = half.x * sin.abs() + half.y * cos.abs();
+        let pose = Se2Pose {
+            x_m: center.x,
+            y_m: center.y,
+            ..state.center
+        };
+        let corners = [(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)].map(|(x, y)| {
+            let corner = pose.transform(Vector2::new(x * half.x, y * half.y));
+            road.to_frenet_near(corner, point.s_m)
+        });
         Self {
-            s_range_m: [point.s_m - half_s_m, point.s_m + half_s_m],
-            d_range_m: [point.d_m - half_d_m, point.d_m + half_d_m],
+            center_s_m: point.s_m,
+            s_range_m: range(corners.iter().map(|corner| corner.s_m)),
+            d_range_m: range(corners.iter().map(|corner| corner.d_m)),
             along_mps: velocity.x,
             left_mps: velocity.y,
         }
     }
 
-    /// The lanes that it is known in, `age_s` after it was measured: by its body, or by vision.
+    /// The way along the road and the speed left, `age_s` after it was measured, if it was slower by
+    /// `error_mps` and has braked as hard as leaders may.
+    fn braked(&self, age_s: f64, error_mps: f64, settings: &SafetySettings) -> (f64, f64) {
+        let slow_mps = (self.along_mps - error_mps).max(0.0);
+        let braking_s = age_s.min(slow_mps / settings.leader_brake_mps2);
+        let way_m = (slow_mps - 0.5 * settings.leader_brake_mps2 * braking_s) * braking_s;
+        let left_mps = (slow_mps - settings.leader_brake_mps2 * age_s).max(0.0);
+        (way_m, left_mps)
+    }
+
+    /// The lanes that it is known in, `age_s` after it was measured: by its body, anywhere between
+    /// where it was and where it would be, or by vision.
     fn lanes(&self, track: &Track, road: &Road, age_s: f64, entry_m: f64) -> Lanes {
-        let [right_m, left_m] = self.d_range_m.map(|d_m| d_m + self.left_mps * age_s);
+        let sideways_m = self.left_mps * age_s;
+        let right_m = self.d_range_m[0] + sideways_m.min(0.0);
+        let left_m = self.d_range_m[1] + sideways_m.max(0.0);
         let reaches = |lane: LaneIndex, by_m: f64| {
             let (lane_right_m, lane_left_m) = road.lane_bounds_m(lane);
             right_m < lane_left_m - by_m && left_m > lane_right_m + by_m
@@ -206,6 +250,13 @@ impl OnRoad {
         };
         LaneIndex::all().filter(is_in).collect()
     }
+}
+
+/// How unlike a vehicle a track is: in place, and in velocity times a second.
+fn unlike(track: &Track, vehicle: &TrueVehicle) -> f64 {
+    let apart_m = track.state.center.position() - vehicle.center;
+    let apart_mps = track.state.velocity_mps - vehicle.velocity;
+    apart_m.norm_squared() + apart_mps.norm_squared()
 }
 
 /// When a track was last measured; one without sightings stands for its own time.

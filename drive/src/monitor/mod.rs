@@ -24,12 +24,12 @@ use crate::{
     cause::Cause,
     truth::{Lanes, TrueVehicle},
 };
-use attribution::{Meeting, Pair};
+use attribution::{KnownAhead, Meeting, Pair};
 use barriers::Gaps;
 pub use barriers::TrueBarriers;
 use cav_state::CavState;
 pub use distributions::{Distributions, Histogram};
-use knowledge::{ErrorBound, Knowledge, Other};
+use knowledge::{Knowledge, Other};
 use motion::{Motion, STUCK_MPS};
 
 /// h below this counts as violated: round-off.
@@ -147,12 +147,17 @@ impl Monitor {
         let gaps = Gaps::new(ego, now.road, &settings, changing);
         let lanes = ego.lanes(now.road, 0.0);
         let mut cav = self.cavs.get(&ego.id).copied().unwrap_or_default();
-        let lanes_before = cav.lanes.replace(lanes).unwrap_or(lanes);
+        let claimed = lanes.with(view.manoeuvre.lane());
+        let claimed = match view.manoeuvre {
+            Manoeuvre::Announced { .. } => claimed,
+            running => claimed.with(running.destination()),
+        };
+        let claimed_before = cav.claimed.replace(claimed).unwrap_or(claimed);
         cav.plant.step(now.time_s, view, &settings);
         if let Some(jerk) = cav.jerk.step(ego.speed_mps) {
             self.distributions.note_jerk(jerk);
         }
-        cav.watch_sight(view.sight, &gaps, lanes);
+        cav.watch_sight(view.sight, &gaps, claimed);
         self.judge_lane_change(now, &mut cav, view, &gaps);
 
         cav.barriers = None;
@@ -166,7 +171,8 @@ impl Monitor {
                 other,
                 others,
                 shared,
-                lanes_before,
+                claimed,
+                claimed_before,
             };
             self.watch_follower(now, &cav, &encounter);
             let Some((barriers, closing_s)) = self.meet(now, &cav, &encounter) else {
@@ -201,9 +207,10 @@ impl Monitor {
             view,
             gaps,
             other,
+            others,
             shared,
-            lanes_before,
-            ..
+            claimed,
+            claimed_before,
         } = encounter;
         let (ego, time_s) = (gaps.ego, now.time_s);
         let knowledge = Knowledge {
@@ -215,17 +222,32 @@ impl Monitor {
             settings: gaps.settings,
         };
         let track = knowledge.track_of(other);
-        let error = ErrorBound::new(track, gaps.settings).aged(track, time_s, gaps.settings);
-        let ahead = gaps.ahead(other, shared, error);
+        let ahead = gaps.ahead(other, shared);
+        let claimed_ahead = gaps.ahead(other, others.shared_with(claimed));
+        let own = (ego.lanes(now.road, 0.0)).with(view.manoeuvre.destination());
+        let known = track.map(|track| {
+            let known = knowledge.known(track, other.frenet.s_m);
+            let lanes = known.lanes.shared_with(claimed);
+            let is_ahead = known.middle_s_m > ego.middle_s_m();
+            KnownAhead {
+                ahead_in: if is_ahead { lanes } else { Lanes::default() },
+                is_in_own: is_ahead && !lanes.shared_with(own).is_empty(),
+                measured_s: known.measured_s,
+                h_m: gaps.set_h_m(&known.best, lanes),
+                worst_h_m: gaps.set_h_m(&known.worst, lanes),
+            }
+        });
         let from_other = self.pairs.get(&(other.id, ego.id));
         let unknowing_other = from_other.and_then(|pair| pair.broken_lately(time_s));
         let pair = self.pairs.entry((ego.id, other.id)).or_default();
+        pair.note_lanes(others, time_s);
         let is_ahead = ego.is_behind(other);
         let broken = knowledge.broken(&Other {
             vehicle: other,
             ahead: is_ahead,
             shared,
             track,
+            entered_s: pair.entered_s,
             in_sight_since_s: pair.in_sight.since_s(time_s, gaps.settings.sight_memory_s),
             away_m: if is_ahead {
                 other.s_range_m[0] - ego.s_range_m[1]
@@ -246,18 +268,19 @@ impl Monitor {
                 ego,
                 other,
                 manoeuvre: view.manoeuvre,
-                shared,
-                own_lanes_before: lanes_before,
-                known: track.is_some(),
+                shared: others.shared_with(claimed),
+                own_lanes_before: claimed_before,
+                known,
                 stands: other.speed_mps < STUCK_MPS
                     || track.is_some_and(|track| track.state.velocity_mps.norm() < STUCK_MPS),
-                sight_broke_off: cav.sight_broke_off(shared),
-                sight_reaches_past: cav.sight_reaches_past(other, shared),
+                sight_broke_off: cav.sight_broke_off(others.shared_with(claimed)),
+                sight_reaches_past: cav.sight_reaches_past(other, others.shared_with(claimed)),
                 leader_braking: (self.vehicles.get(&other.id))
                     .map(|motion| motion.braked_too_hard)
                     .unwrap_or_default(),
                 process_noise: cav.plant.strayed,
             },
+            claimed_ahead.as_ref(),
             ahead.as_ref(),
         );
         self.collision_set_left += usize::from(pair.leaves_collision_set(ahead.as_ref()));
@@ -284,6 +307,8 @@ struct Encounter<'a> {
     others: Lanes,
     /// Lanes that both occupy.
     shared: Lanes,
-    /// Lanes of the CAV at the step before.
-    lanes_before: Lanes,
+    /// Lanes that the CAV is in, enters or leaves.
+    claimed: Lanes,
+    /// The same at the step before.
+    claimed_before: Lanes,
 }
