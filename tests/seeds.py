@@ -23,7 +23,7 @@ HEAD = (
 
 def summary(scenario: str, seed: int, out: Path, extra: list[str]) -> dict:
     """The summary of one seed, run where it is not there yet."""
-    folder = out / f"{scenario}-{seed}"
+    folder = out / "-".join([scenario, str(seed), *(word.strip("-") for word in extra)])
     file = folder / "summary.json"
     if not file.exists():
         command = [str(ROOT / "target/release/covista"), "demo", scenario, "--seed", str(seed)]

@@ -372,7 +372,7 @@ fn bench_control_has_the_campaign_what_it_breaks_and_the_time_of_a_step() {
     }
 
     let plants: Vec<_> = rows.iter().filter(|row| row["plant"].is_string()).collect();
-    assert_eq!(plants.len(), 4);
+    assert_eq!(plants.len(), 10);
     assert!(plants.iter().all(|row| row["covered"].is_boolean()));
 }
 

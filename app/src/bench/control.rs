@@ -6,8 +6,8 @@ mod rows;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use covista_drive::{
-    Broken, CampaignSpec, ControlSettings, PLANTS, PlantModel, Tally, cover_plants, run_campaign,
-    time_control,
+    Broken, COVERS, CampaignSpec, ControlSettings, Nominals, PlantModel, Tally, cover_plants,
+    run_campaign, time_control,
 };
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
@@ -39,6 +39,7 @@ pub(super) fn run(args: &ControlBenchArgs) -> anyhow::Result<()> {
         steps,
         control,
         broken: None,
+        nominal: Nominals::All,
         plant: PlantModel::Kinematic,
     };
     let mut rows = Vec::new();
@@ -74,7 +75,7 @@ pub(super) fn run(args: &ControlBenchArgs) -> anyhow::Result<()> {
     bar.finish_and_clear();
 
     let bar = step_bar("plants");
-    bar.set_length(PLANTS.len() as u64);
+    bar.set_length(COVERS.len() as u64);
     let covers = cover_plants(&control, seed, steps.div_ceil(PLANT_SHARE), &|_| bar.inc(1))?;
     bar.finish_and_clear();
     rows.extend(covers.iter().map(|cover| Row::plant(seed, cover)));

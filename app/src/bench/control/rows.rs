@@ -60,20 +60,23 @@ pub struct PlantRow {
     lane_excess_steps_with_defaults: u64,
     smallest_headway_m_with_defaults: f64,
     largest_lane_excess_m_with_defaults: f64,
-    /// Whether bounds of the grid keep headway and lane.
+    /// Whether the bounds keep headway and lane in a campaign they were not searched with.
     covered: bool,
-    covered_by_w_p_mm: Option<f64>,
-    covered_by_w_v_mmps: Option<f64>,
+    eta: f64,
+    w_p_mm: f64,
+    headway_kept_with_w_p: bool,
+    smallest_w_p_mm: Option<f64>,
     covered_by_slip_mrad: Option<f64>,
-    covered_by_curvature_per_km: Option<f64>,
-    headway_cost_m_at_15: Option<f64>,
-    headway_cost_m_at_30: Option<f64>,
-    headway_cost_s_at_15: Option<f64>,
-    headway_cost_s_at_30: Option<f64>,
+    own_reference_covered_by_slip_mrad: Option<f64>,
+    headway_cost_m_at_15: f64,
+    headway_cost_m_at_30: f64,
+    headway_cost_s_at_15: f64,
+    headway_cost_s_at_30: f64,
     steps_covered: Option<u64>,
     headway_violations_covered: Option<u64>,
     collisions_covered: Option<u64>,
     lane_excess_steps_covered: Option<u64>,
+    infeasible_covered: Option<u64>,
     smallest_headway_m_covered: Option<f64>,
 }
 
@@ -100,9 +103,14 @@ impl Row {
         let holds = covered.is_some_and(|tally| {
             tally.headway_violations + tally.collisions + tally.lane_excess_steps == 0
         });
-        let cost_m = |index: usize| cover.headway_cost_m.map(|cost_m| cost_m[index]);
+        let cost_m = cover.headway_cost_m;
+        let slow = if cover.case.is_slow {
+            ", small eta"
+        } else {
+            ""
+        };
         Self::Plant(PlantRow {
-            plant: cover.plant.name(),
+            plant: format!("{}{slow}", cover.case.plant.name()),
             seed,
             steps_with_defaults: found.campaign_steps,
             headway_violations_with_defaults: found.headway_violations,
@@ -111,18 +119,21 @@ impl Row {
             smallest_headway_m_with_defaults: found.smallest_headway_m,
             largest_lane_excess_m_with_defaults: found.largest_lane_excess_m,
             covered: holds,
-            covered_by_w_p_mm: cover.along.map(|[position_m, _]| position_m * 1e3),
-            covered_by_w_v_mmps: cover.along.map(|[_, speed_mps]| speed_mps * 1e3),
-            covered_by_slip_mrad: cover.across.map(|[slip_rad, _]| slip_rad * 1e3),
-            covered_by_curvature_per_km: cover.across.map(|[_, per_m]| per_m * 1e3),
-            headway_cost_m_at_15: cost_m(0),
-            headway_cost_m_at_30: cost_m(1),
-            headway_cost_s_at_15: cost_m(0).map(|cost_m| cost_m / 15.0),
-            headway_cost_s_at_30: cost_m(1).map(|cost_m| cost_m / 30.0),
+            eta: cover.eta,
+            w_p_mm: cover.position_m * 1e3,
+            headway_kept_with_w_p: cover.keeps_headway,
+            smallest_w_p_mm: cover.smallest_position_m.map(|position_m| position_m * 1e3),
+            covered_by_slip_mrad: cover.across.map(|slip_rad| slip_rad * 1e3),
+            own_reference_covered_by_slip_mrad: cover.across_own.map(|slip_rad| slip_rad * 1e3),
+            headway_cost_m_at_15: cost_m[0],
+            headway_cost_m_at_30: cost_m[1],
+            headway_cost_s_at_15: cost_m[0] / 15.0,
+            headway_cost_s_at_30: cost_m[1] / 30.0,
             steps_covered: covered.map(|tally| tally.campaign_steps),
             headway_violations_covered: covered.map(|tally| tally.headway_violations),
             collisions_covered: covered.map(|tally| tally.collisions),
             lane_excess_steps_covered: covered.map(|tally| tally.lane_excess_steps),
+            infeasible_covered: covered.map(|tally| tally.infeasible),
             smallest_headway_m_covered: covered.map(|tally| tally.smallest_headway_m),
         })
     }
@@ -183,10 +194,13 @@ pub fn tables(rows: &[Row]) -> [String; 4] {
         "plant",
         "headways broken",
         "lane left, steps",
+        "eta",
         "W_p, mm",
-        "W_v, mm/s",
+        "headway kept",
+        "smallest W_p, mm",
         "slip, mrad",
-        "curvature, 1/km",
+        "own steering, mrad",
+        "covered",
         "cost at 15 m/s, m",
         "at 30 m/s, m",
     ])];
@@ -214,12 +228,15 @@ pub fn tables(rows: &[Row]) -> [String; 4] {
                 row.plant.clone(),
                 row.headway_violations_with_defaults.to_string(),
                 row.lane_excess_steps_with_defaults.to_string(),
-                or_dash(row.covered_by_w_p_mm),
-                or_dash(row.covered_by_w_v_mmps),
+                format!("{:.4}", row.eta),
+                or_dash(Some(row.w_p_mm)),
+                yes_or_no(row.headway_kept_with_w_p),
+                or_dash(row.smallest_w_p_mm),
                 or_dash(row.covered_by_slip_mrad),
-                or_dash(row.covered_by_curvature_per_km),
-                or_dash(row.headway_cost_m_at_15),
-                or_dash(row.headway_cost_m_at_30),
+                or_dash(row.own_reference_covered_by_slip_mrad),
+                yes_or_no(row.covered),
+                or_dash(Some(row.headway_cost_m_at_15)),
+                or_dash(Some(row.headway_cost_m_at_30)),
             ]),
         }
     }
@@ -238,6 +255,7 @@ fn campaign_header(first: &str) -> Vec<String> {
         "infeasible",
         "excused",
         "collisions",
+        "touched",
         "rear gaps",
         "smallest h, m",
         "headway, m",
@@ -254,12 +272,17 @@ fn campaign_cells(name: &str, tally: &Tally, cause: Option<&str>) -> Vec<String>
         tally.infeasible.to_string(),
         tally.excused.to_string(),
         tally.collisions.to_string(),
+        tally.touched.to_string(),
         tally.rear_gap_breaches.to_string(),
         or_dash(Some(tally.smallest_h_m)),
         or_dash(Some(tally.smallest_headway_m)),
         tally.unattributed.to_string(),
         cause.unwrap_or("-").to_owned(),
     ]
+}
+
+fn yes_or_no(is_so: bool) -> String {
+    if is_so { "yes" } else { "no" }.to_owned()
 }
 
 /// Two digits; a dash where there is nothing.
