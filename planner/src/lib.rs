@@ -10,6 +10,7 @@
 
 mod action_values;
 mod free_lane;
+pub mod learning;
 mod observation;
 mod policy;
 mod reward;
