@@ -3,6 +3,7 @@
 mod action_set;
 mod environment;
 mod features;
+mod nn;
 mod situations;
 
 pub use action_set::{ACTIONS, ActionSet, CHOICES, action_index};

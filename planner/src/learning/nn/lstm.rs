@@ -1,0 +1,266 @@
+use rand::Rng;
+
+use super::activation::{sigmoid, tanh};
+use super::{Layout, Matrix, Sequences, fill_uniform};
+
+/// A long short-term memory over a batch of sequences; its result is the last hidden state.
+///
+/// In one step, z = [x, h] W + b in four parts, i, f, g, o, then
+///
+/// ```text
+/// c' = sigmoid(f) c + sigmoid(i) tanh(g)
+/// h' = sigmoid(o) tanh(c')
+/// ```
+///
+/// W has a row for each input feature, then one for each hidden unit. h and c begin at zero.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Lstm {
+    pub inputs: usize,
+    pub hidden: usize,
+    weights: usize,
+    bias: usize,
+}
+
+/// What the forward pass keeps for the backward pass.
+#[derive(Debug, Clone, Default)]
+pub struct LstmBuffers {
+    /// [x, h] of every packed row.
+    joined: Vec<f32>,
+    /// The four gates of every packed row after their activations; then the gradients before them.
+    gates: Vec<f32>,
+    /// The cell's state after every packed row.
+    cells: Vec<f32>,
+    /// tanh of it.
+    squashed: Vec<f32>,
+    /// dL/dh and dL/dc of each sequence.
+    hidden_gradient: Vec<f32>,
+    cell_gradient: Vec<f32>,
+    /// The hidden units' rows of W, transposed.
+    turned: Vec<f32>,
+}
+
+impl LstmBuffers {
+    /// For at most `rows` sequences of at most `steps` steps.
+    pub fn new(lstm: &Lstm, rows: usize, steps: usize) -> Self {
+        let hidden = lstm.hidden;
+        Self {
+            joined: vec![0.0; rows * steps * (lstm.inputs + hidden)],
+            gates: vec![0.0; rows * steps * 4 * hidden],
+            cells: vec![0.0; rows * steps * hidden],
+            squashed: vec![0.0; rows * steps * hidden],
+            hidden_gradient: vec![0.0; rows * hidden],
+            cell_gradient: vec![0.0; rows * hidden],
+            turned: vec![0.0; 4 * hidden * hidden],
+        }
+    }
+}
+
+impl Lstm {
+    pub fn new(layout: &mut Layout, name: &str, inputs: usize, hidden: usize) -> Self {
+        Self {
+            inputs,
+            hidden,
+            weights: layout.add(format!("{name}.weight"), &[inputs + hidden, 4 * hidden]),
+            bias: layout.add(format!("{name}.bias"), &[4 * hidden]),
+        }
+    }
+
+    /// Uniform in +-1/sqrt(hidden); the forget gate's bias at one, so that it remembers at first.
+    pub fn initialise(&self, parameters: &mut [f32], rng: &mut impl Rng) {
+        let hidden = self.hidden;
+        let count = (self.inputs + hidden + 1) * 4 * hidden;
+        let bound = 1.0 / (hidden as f32).sqrt();
+        fill_uniform(&mut parameters[self.weights..][..count], bound, rng);
+        parameters[self.bias + hidden..][..hidden].fill(1.0);
+    }
+
+    fn width(&self) -> usize {
+        self.inputs + self.hidden
+    }
+
+    fn weights<'a>(&self, parameters: &'a [f32]) -> &'a [f32] {
+        &parameters[self.weights..][..self.width() * 4 * self.hidden]
+    }
+
+    /// Writes the last hidden state of sequence r to `last[r * stride..]`; an empty sequence's is
+    /// zero. Of the sequences' features the first `inputs` are read.
+    pub fn forward(
+        &self,
+        parameters: &[f32],
+        sequences: &Sequences,
+        buffers: &mut LstmBuffers,
+        last: &mut [f32],
+        stride: usize,
+    ) {
+        let (hidden, width, four) = (self.hidden, self.width(), 4 * self.hidden);
+        let bias = &parameters[self.bias..][..four];
+        let weights = Matrix::new(self.weights(parameters), width, four, four);
+        let LstmBuffers {
+            joined,
+            gates,
+            cells,
+            squashed,
+            ..
+        } = buffers;
+        for row in last.chunks_mut(stride) {
+            row[..hidden].fill(0.0);
+        }
+        let mut before = 0;
+        for t in 0..sequences.steps() {
+            let rows = sequences.rows(t);
+            let active = rows.len();
+            let joined = &mut joined[rows.start * width..rows.end * width];
+            let inputs = &sequences.inputs()[rows.start * sequences.features()..];
+            let given = inputs.chunks_exact(sequences.features());
+            for ((row, x), h) in joined.chunks_exact_mut(width).zip(given).zip(last.chunks(stride)) {
+                row[..self.inputs].copy_from_slice(&x[..self.inputs]);
+                row[self.inputs..].copy_from_slice(&h[..hidden]);
+            }
+            let gates = &mut gates[rows.start * four..rows.end * four];
+            for row in gates.chunks_exact_mut(four) {
+                row.copy_from_slice(bias);
+            }
+            Matrix::new(joined, active, width, width).multiply_add(weights, gates, four);
+            let (past, now) = cells.split_at_mut(rows.start * hidden);
+            let past = &past[past.len() - before * hidden..];
+            let now = &mut now[..active * hidden];
+            let squashed = &mut squashed[rows.start * hidden..rows.end * hidden];
+            pulp::Arch::new().dispatch(|| {
+                for (r, row) in gates.chunks_exact_mut(four).enumerate() {
+                    let at = r * hidden;
+                    let past = past.get(at..at + hidden);
+                    let h = &mut last[r * stride..][..hidden];
+                    step(row, past, &mut now[at..][..hidden], &mut squashed[at..][..hidden], h);
+                }
+            });
+            before = active;
+        }
+    }
+
+    /// Adds the gradient of the weights, given dL/d`last`. Undoes the buffers' gates.
+    pub fn backward(
+        &self,
+        parameters: &[f32],
+        sequences: &Sequences,
+        buffers: &mut LstmBuffers,
+        last_gradient: &[f32],
+        stride: usize,
+        gradient: &mut [f32],
+    ) {
+        let (hidden, width, four) = (self.hidden, self.width(), 4 * self.hidden);
+        let LstmBuffers {
+            joined,
+            gates,
+            cells,
+            squashed,
+            hidden_gradient,
+            cell_gradient,
+            turned,
+        } = buffers;
+        let steps = sequences.steps();
+        transpose(&self.weights(parameters)[self.inputs * four..], turned, hidden, four);
+        cell_gradient.fill(0.0);
+        for (row, given) in hidden_gradient
+            .chunks_exact_mut(hidden)
+            .zip(last_gradient.chunks(stride))
+        {
+            row.copy_from_slice(&given[..hidden]);
+        }
+        for t in (0..steps).rev() {
+            let rows = sequences.rows(t);
+            let before = if t == 0 { 0..0 } else { sequences.rows(t - 1) };
+            let gates = &mut gates[rows.start * four..rows.end * four];
+            let past = &cells[before.start * hidden..before.end * hidden];
+            let squashed = &squashed[rows.start * hidden..rows.end * hidden];
+            pulp::Arch::new().dispatch(|| {
+                for (r, row) in gates.chunks_exact_mut(four).enumerate() {
+                    let at = r * hidden;
+                    let past = past.get(at..at + hidden);
+                    let dh = &hidden_gradient[at..][..hidden];
+                    let dc = &mut cell_gradient[at..][..hidden];
+                    step_back(row, past, &squashed[at..][..hidden], dh, dc);
+                }
+            });
+            let through = &mut hidden_gradient[..before.len() * hidden];
+            through.fill(0.0);
+            Matrix::new(gates, before.len(), four, four).multiply_add(
+                Matrix::new(turned, four, hidden, hidden),
+                through,
+                hidden,
+            );
+        }
+        let packed = sequences.packed();
+        let gates = &gates[..packed * four];
+        let weights = &mut gradient[self.weights..][..width * four];
+        Matrix::new(joined, packed, width, width)
+            .transposed()
+            .multiply_add(Matrix::new(gates, packed, four, four), weights, four);
+        let bias = &mut gradient[self.bias..][..four];
+        for row in gates.chunks_exact(four) {
+            for (sum, &value) in bias.iter_mut().zip(row) {
+                *sum += value;
+            }
+        }
+    }
+}
+
+/// One sequence's step: gates activated in place, then its cell, tanh of it, and hidden state.
+#[inline(always)]
+fn step(gates: &mut [f32], past: Option<&[f32]>, cell: &mut [f32], squashed: &mut [f32], h: &mut [f32]) {
+    let n = cell.len();
+    let (i, rest) = gates.split_at_mut(n);
+    let (f, rest) = rest.split_at_mut(n);
+    let (g, o) = rest.split_at_mut(n);
+    let (squashed, h, o) = (&mut squashed[..n], &mut h[..n], &mut o[..n]);
+    match past {
+        Some(past) => cell.copy_from_slice(past),
+        None => cell.fill(0.0),
+    }
+    for j in 0..n {
+        i[j] = sigmoid(i[j]);
+        f[j] = sigmoid(f[j]);
+        g[j] = tanh(g[j]);
+        o[j] = sigmoid(o[j]);
+        cell[j] = f[j].mul_add(cell[j], i[j] * g[j]);
+        squashed[j] = tanh(cell[j]);
+        h[j] = o[j] * squashed[j];
+    }
+}
+
+/// The same backwards: gates become gradients before their activations, `dc` that of the cell one
+/// step earlier.
+#[inline(always)]
+fn step_back(gates: &mut [f32], past: Option<&[f32]>, squashed: &[f32], dh: &[f32], dc: &mut [f32]) {
+    let n = dc.len();
+    let (i, rest) = gates.split_at_mut(n);
+    let (f, rest) = rest.split_at_mut(n);
+    let (g, o) = rest.split_at_mut(n);
+    let (squashed, dh, o) = (&squashed[..n], &dh[..n], &mut o[..n]);
+    for j in 0..n {
+        let to_cell = (dh[j] * o[j]).mul_add(1.0 - squashed[j] * squashed[j], dc[j]);
+        let (ij, fj, gj, oj) = (i[j], f[j], g[j], o[j]);
+        i[j] = to_cell * gj * ij * (1.0 - ij);
+        f[j] = to_cell * fj * (1.0 - fj);
+        g[j] = to_cell * ij * (1.0 - gj * gj);
+        o[j] = dh[j] * squashed[j] * oj * (1.0 - oj);
+        dc[j] = to_cell * fj;
+    }
+    match past {
+        Some(past) => f.iter_mut().zip(past).for_each(|(f, &cell)| *f *= cell),
+        None => f.fill(0.0),
+    }
+}
+
+/// `to` (cols x rows) is `from` (rows x cols) transposed, tile by tile.
+fn transpose(from: &[f32], to: &mut [f32], rows: usize, cols: usize) {
+    const TILE: usize = 16;
+    for first_row in (0..rows).step_by(TILE) {
+        for first_col in (0..cols).step_by(TILE) {
+            for col in first_col..(first_col + TILE).min(cols) {
+                for row in first_row..(first_row + TILE).min(rows) {
+                    to[col * rows + row] = from[row * cols + col];
+                }
+            }
+        }
+    }
+}
