@@ -12,7 +12,8 @@ mod matmul;
 mod sequences;
 
 pub(super) use activation::relu_backward;
-pub(super) use adam::{Adam, AdamSettings, clip_to_norm, norm, soft_update};
+pub use adam::AdamSettings;
+pub(super) use adam::{Adam, clip_to_norm, norm, soft_update};
 pub(super) use dense::Dense;
 pub(super) use lstm::{Lstm, LstmBuffers};
 pub(super) use matmul::Matrix;
@@ -41,7 +42,9 @@ pub(super) struct Layout {
 impl Layout {
     /// Number of weights so far.
     pub fn len(&self) -> usize {
-        self.tensors.last().map_or(0, |last| last.start + last.len())
+        self.tensors
+            .last()
+            .map_or(0, |last| last.start + last.len())
     }
 
     /// Where the next part begins.

@@ -60,7 +60,9 @@ impl Adam {
         let (mean, square) = (&mut self.mean, &mut self.square);
         pulp::Arch::new().dispatch(|| {
             let moments = mean.iter_mut().zip(square.iter_mut());
-            for ((weight, &slope), (mean, square)) in parameters.iter_mut().zip(gradient).zip(moments) {
+            for ((weight, &slope), (mean, square)) in
+                parameters.iter_mut().zip(gradient).zip(moments)
+            {
                 *mean = beta1 * *mean + (1.0 - beta1) * slope;
                 *square = beta2 * *square + (1.0 - beta2) * slope * slope;
                 *weight -= rate * *mean / ((square_scale * *square).sqrt() + epsilon);

@@ -47,7 +47,12 @@ impl Dense {
             row.copy_from_slice(bias);
         }
         let rows = y.len() / self.outputs;
-        let weights = Matrix::new(self.rows(parameters, 0), columns, self.outputs, self.outputs);
+        let weights = Matrix::new(
+            self.rows(parameters, 0),
+            columns,
+            self.outputs,
+            self.outputs,
+        );
         Matrix::new(x, rows, columns, columns).multiply_add(weights, y, self.outputs);
     }
 
@@ -70,7 +75,12 @@ impl Dense {
     pub fn backward_input(&self, parameters: &[f32], dy: &[f32], columns: usize, dx: &mut [f32]) {
         let rows = dy.len() / self.outputs;
         dx.fill(0.0);
-        let weights = Matrix::new(self.rows(parameters, 0), columns, self.outputs, self.outputs);
+        let weights = Matrix::new(
+            self.rows(parameters, 0),
+            columns,
+            self.outputs,
+            self.outputs,
+        );
         Matrix::new(dy, rows, self.outputs, self.outputs).multiply_add(
             weights.transposed(),
             dx,

@@ -112,7 +112,11 @@ impl Lstm {
             let joined = &mut joined[rows.start * width..rows.end * width];
             let inputs = &sequences.inputs()[rows.start * sequences.features()..];
             let given = inputs.chunks_exact(sequences.features());
-            for ((row, x), h) in joined.chunks_exact_mut(width).zip(given).zip(last.chunks(stride)) {
+            for ((row, x), h) in joined
+                .chunks_exact_mut(width)
+                .zip(given)
+                .zip(last.chunks(stride))
+            {
                 row[..self.inputs].copy_from_slice(&x[..self.inputs]);
                 row[self.inputs..].copy_from_slice(&h[..hidden]);
             }
@@ -130,7 +134,13 @@ impl Lstm {
                     let at = r * hidden;
                     let past = past.get(at..at + hidden);
                     let h = &mut last[r * stride..][..hidden];
-                    step(row, past, &mut now[at..][..hidden], &mut squashed[at..][..hidden], h);
+                    step(
+                        row,
+                        past,
+                        &mut now[at..][..hidden],
+                        &mut squashed[at..][..hidden],
+                        h,
+                    );
                 }
             });
             before = active;
@@ -158,7 +168,12 @@ impl Lstm {
             turned,
         } = buffers;
         let steps = sequences.steps();
-        transpose(&self.weights(parameters)[self.inputs * four..], turned, hidden, four);
+        transpose(
+            &self.weights(parameters)[self.inputs * four..],
+            turned,
+            hidden,
+            four,
+        );
         cell_gradient.fill(0.0);
         for (row, given) in hidden_gradient
             .chunks_exact_mut(hidden)
@@ -206,7 +221,13 @@ impl Lstm {
 
 /// One sequence's step: gates activated in place, then its cell, tanh of it, and hidden state.
 #[inline(always)]
-fn step(gates: &mut [f32], past: Option<&[f32]>, cell: &mut [f32], squashed: &mut [f32], h: &mut [f32]) {
+fn step(
+    gates: &mut [f32],
+    past: Option<&[f32]>,
+    cell: &mut [f32],
+    squashed: &mut [f32],
+    h: &mut [f32],
+) {
     let n = cell.len();
     let (i, rest) = gates.split_at_mut(n);
     let (f, rest) = rest.split_at_mut(n);
@@ -230,7 +251,13 @@ fn step(gates: &mut [f32], past: Option<&[f32]>, cell: &mut [f32], squashed: &mu
 /// The same backwards: gates become gradients before their activations, `dc` that of the cell one
 /// step earlier.
 #[inline(always)]
-fn step_back(gates: &mut [f32], past: Option<&[f32]>, squashed: &[f32], dh: &[f32], dc: &mut [f32]) {
+fn step_back(
+    gates: &mut [f32],
+    past: Option<&[f32]>,
+    squashed: &[f32],
+    dh: &[f32],
+    dc: &mut [f32],
+) {
     let n = dc.len();
     let (i, rest) = gates.split_at_mut(n);
     let (f, rest) = rest.split_at_mut(n);

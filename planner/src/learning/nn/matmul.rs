@@ -79,12 +79,15 @@ mod tests {
 
     #[test]
     fn products_are_the_schoolbooks() {
-        let numbers = |n: usize| (0..n).map(|i| (i * 7 % 11) as f32 - 5.0).collect::<Vec<_>>();
+        let numbers = |n: usize| {
+            (0..n)
+                .map(|i| (i * 7 % 11) as f32 - 5.0)
+                .collect::<Vec<_>>()
+        };
         for (m, k, n) in [(1, 1, 1), (3, 5, 2), (65, 33, 31), (7, 148, 64)] {
             let (a, b) = (numbers(m * k), numbers(k * n));
-            let expected = |i: usize, j: usize| {
-                (0..k).map(|p| a[i * k + p] * b[p * n + j]).sum::<f32>() + 2.0
-            };
+            let expected =
+                |i: usize, j: usize| (0..k).map(|p| a[i * k + p] * b[p * n + j]).sum::<f32>() + 2.0;
             let mut out = vec![2.0; m * n];
             Matrix::new(&a, m, k, k).multiply_add(Matrix::new(&b, k, n, n), &mut out, n);
             for (index, &value) in out.iter().enumerate() {
