@@ -24,6 +24,7 @@
 
 mod action_set;
 mod batch;
+mod benchmark;
 mod environment;
 mod error;
 mod features;
@@ -40,6 +41,7 @@ mod trainer;
 mod tests;
 
 pub use action_set::{ACTIONS, ActionSet, CHOICES, action_index};
+pub use benchmark::{UpdateCost, update_cost};
 pub use environment::{Environment, EnvironmentError, Options, Outcome, Shape};
 pub use error::LearningError;
 pub use features::{

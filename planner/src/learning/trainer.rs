@@ -525,6 +525,11 @@ impl Plan {
         Learner::new(index, actor, critic, replay, settings, self.settings.seed)
     }
 
+    /// Features of the global state that a centralised critic gets.
+    pub fn central_features(&self) -> usize {
+        self.batch.central - self.joint * ACTIONS
+    }
+
     pub fn workspace(&self) -> Workspace {
         Workspace::new(&self.actor, &self.critic, self.batch)
     }

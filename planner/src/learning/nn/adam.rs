@@ -1,3 +1,4 @@
+use pulp::NullaryFnOnce;
 use serde::{Deserialize, Serialize};
 
 /// Constants of Adam (Kingma and Ba 2015); the learning rate is given with each step.
@@ -56,39 +57,82 @@ impl Adam {
         let power = i32::try_from(self.steps).unwrap_or(i32::MAX);
         let mean_scale = 1.0 / (1.0 - beta1.powi(power));
         let square_scale = 1.0 / (1.0 - beta2.powi(power));
-        let rate = learning_rate * mean_scale;
-        let (mean, square) = (&mut self.mean, &mut self.square);
-        pulp::Arch::new().dispatch(|| {
-            let moments = mean.iter_mut().zip(square.iter_mut());
-            for ((weight, &slope), (mean, square)) in
-                parameters.iter_mut().zip(gradient).zip(moments)
-            {
-                *mean = beta1 * *mean + (1.0 - beta1) * slope;
-                *square = beta2 * *square + (1.0 - beta2) * slope * slope;
-                *weight -= rate * *mean / ((square_scale * *square).sqrt() + epsilon);
-            }
+        pulp::Arch::new().dispatch(Step {
+            beta1,
+            beta2,
+            epsilon,
+            rate: learning_rate * mean_scale,
+            square_scale,
+            mean: &mut self.mean,
+            square: &mut self.square,
+            parameters,
+            gradient,
         });
+    }
+}
+
+struct Step<'a> {
+    beta1: f32,
+    beta2: f32,
+    epsilon: f32,
+    rate: f32,
+    square_scale: f32,
+    mean: &'a mut [f32],
+    square: &'a mut [f32],
+    parameters: &'a mut [f32],
+    gradient: &'a [f32],
+}
+
+impl NullaryFnOnce for Step<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let weights = self.parameters.iter_mut().zip(self.gradient);
+        let moments = self.mean.iter_mut().zip(self.square);
+        for ((weight, &slope), (mean, square)) in weights.zip(moments) {
+            *mean = self.beta1 * *mean + (1.0 - self.beta1) * slope;
+            *square = self.beta2 * *square + (1.0 - self.beta2) * slope * slope;
+            *weight -= self.rate * *mean / ((self.square_scale * *square).sqrt() + self.epsilon);
+        }
     }
 }
 
 /// theta' <- tau theta + (1 - tau) theta'.
 pub fn soft_update(target: &mut [f32], parameters: &[f32], tau: f32) {
-    pulp::Arch::new().dispatch(|| {
-        for (target, &weight) in target.iter_mut().zip(parameters) {
-            *target += tau * (weight - *target);
-        }
-    });
+    for (target, &weight) in target.iter_mut().zip(parameters) {
+        *target += tau * (weight - *target);
+    }
 }
 
 /// The Euclidean norm, in f64 and in the same order on every machine.
 pub fn norm(gradient: &[f32]) -> f32 {
-    let mut sums = [0.0_f64; 8];
-    for chunk in gradient.chunks(8) {
-        for (sum, &slope) in sums.iter_mut().zip(chunk) {
-            *sum += f64::from(slope) * f64::from(slope);
+    pulp::Arch::new().dispatch(Norm { gradient })
+}
+
+struct Norm<'a> {
+    gradient: &'a [f32],
+}
+
+impl NullaryFnOnce for Norm<'_> {
+    type Output = f32;
+
+    #[inline(always)]
+    fn call(self) -> f32 {
+        let mut sums = [0.0_f64; 32];
+        let chunks = self.gradient.chunks_exact(sums.len());
+        let rest = chunks
+            .remainder()
+            .iter()
+            .map(|&slope| f64::from(slope).powi(2));
+        for chunk in chunks {
+            for (sum, &slope) in sums.iter_mut().zip(chunk) {
+                *sum += f64::from(slope) * f64::from(slope);
+            }
         }
+        let rest: f64 = rest.sum();
+        (sums.iter().sum::<f64>() + rest).sqrt() as f32
     }
-    sums.iter().sum::<f64>().sqrt() as f32
 }
 
 /// Shortens `gradient` to `limit` where its norm, which is returned, is longer.

@@ -1,3 +1,4 @@
+use pulp::NullaryFnOnce;
 use rand::Rng;
 
 use super::{Layout, Matrix, fill_uniform};
@@ -63,12 +64,7 @@ impl Dense {
         Matrix::new(x, rows, columns, columns)
             .transposed()
             .multiply_add(dy_matrix, self.rows_mut(gradient, 0), self.outputs);
-        let bias = &mut gradient[self.bias..][..self.outputs];
-        for row in dy.chunks_exact(self.outputs) {
-            for (sum, &value) in bias.iter_mut().zip(row) {
-                *sum += value;
-            }
-        }
+        add_rows(dy, &mut gradient[self.bias..][..self.outputs]);
     }
 
     /// `dx` = dL/dx of the first `columns` inputs, given dL/dy.
@@ -86,5 +82,28 @@ impl Dense {
             dx,
             columns,
         );
+    }
+}
+
+/// Adds the rows of `matrix`, each as long as `sum`, to `sum`.
+pub fn add_rows(matrix: &[f32], sum: &mut [f32]) {
+    pulp::Arch::new().dispatch(AddRows { matrix, sum });
+}
+
+struct AddRows<'a> {
+    matrix: &'a [f32],
+    sum: &'a mut [f32],
+}
+
+impl NullaryFnOnce for AddRows<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        for row in self.matrix.chunks_exact(self.sum.len()) {
+            for (sum, &value) in self.sum.iter_mut().zip(row) {
+                *sum += value;
+            }
+        }
     }
 }

@@ -1,6 +1,8 @@
+use pulp::NullaryFnOnce;
 use rand::Rng;
 
 use super::activation::{sigmoid, tanh};
+use super::dense::add_rows;
 use super::{Layout, Matrix, Sequences, fill_uniform};
 
 /// A long short-term memory over a batch of sequences; its result is the last hidden state.
@@ -129,19 +131,14 @@ impl Lstm {
             let past = &past[past.len() - before * hidden..];
             let now = &mut now[..active * hidden];
             let squashed = &mut squashed[rows.start * hidden..rows.end * hidden];
-            pulp::Arch::new().dispatch(|| {
-                for (r, row) in gates.chunks_exact_mut(four).enumerate() {
-                    let at = r * hidden;
-                    let past = past.get(at..at + hidden);
-                    let h = &mut last[r * stride..][..hidden];
-                    step(
-                        row,
-                        past,
-                        &mut now[at..][..hidden],
-                        &mut squashed[at..][..hidden],
-                        h,
-                    );
-                }
+            pulp::Arch::new().dispatch(Steps {
+                hidden,
+                gates,
+                past,
+                now,
+                squashed,
+                last,
+                stride,
             });
             before = active;
         }
@@ -187,14 +184,13 @@ impl Lstm {
             let gates = &mut gates[rows.start * four..rows.end * four];
             let past = &cells[before.start * hidden..before.end * hidden];
             let squashed = &squashed[rows.start * hidden..rows.end * hidden];
-            pulp::Arch::new().dispatch(|| {
-                for (r, row) in gates.chunks_exact_mut(four).enumerate() {
-                    let at = r * hidden;
-                    let past = past.get(at..at + hidden);
-                    let dh = &hidden_gradient[at..][..hidden];
-                    let dc = &mut cell_gradient[at..][..hidden];
-                    step_back(row, past, &squashed[at..][..hidden], dh, dc);
-                }
+            pulp::Arch::new().dispatch(StepsBack {
+                hidden,
+                gates,
+                past,
+                squashed,
+                hidden_gradient,
+                cell_gradient,
             });
             let through = &mut hidden_gradient[..before.len() * hidden];
             through.fill(0.0);
@@ -210,11 +206,63 @@ impl Lstm {
         Matrix::new(joined, packed, width, width)
             .transposed()
             .multiply_add(Matrix::new(gates, packed, four, four), weights, four);
-        let bias = &mut gradient[self.bias..][..four];
-        for row in gates.chunks_exact(four) {
-            for (sum, &value) in bias.iter_mut().zip(row) {
-                *sum += value;
-            }
+        add_rows(gates, &mut gradient[self.bias..][..four]);
+    }
+}
+
+/// One step of every sequence that has begun.
+struct Steps<'a> {
+    hidden: usize,
+    gates: &'a mut [f32],
+    past: &'a [f32],
+    now: &'a mut [f32],
+    squashed: &'a mut [f32],
+    last: &'a mut [f32],
+    stride: usize,
+}
+
+impl NullaryFnOnce for Steps<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let n = self.hidden;
+        for (r, row) in self.gates.chunks_exact_mut(4 * n).enumerate() {
+            let at = r * n;
+            let past = self.past.get(at..at + n);
+            let (cell, squashed) = (&mut self.now[at..][..n], &mut self.squashed[at..][..n]);
+            step(
+                row,
+                past,
+                cell,
+                squashed,
+                &mut self.last[r * self.stride..][..n],
+            );
+        }
+    }
+}
+
+/// The same backwards.
+struct StepsBack<'a> {
+    hidden: usize,
+    gates: &'a mut [f32],
+    past: &'a [f32],
+    squashed: &'a [f32],
+    hidden_gradient: &'a [f32],
+    cell_gradient: &'a mut [f32],
+}
+
+impl NullaryFnOnce for StepsBack<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let n = self.hidden;
+        for (r, row) in self.gates.chunks_exact_mut(4 * n).enumerate() {
+            let at = r * n;
+            let past = self.past.get(at..at + n);
+            let (squashed, dh) = (&self.squashed[at..][..n], &self.hidden_gradient[at..][..n]);
+            step_back(row, past, squashed, dh, &mut self.cell_gradient[at..][..n]);
         }
     }
 }
