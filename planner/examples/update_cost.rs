@@ -9,7 +9,13 @@ fn main() -> Result<(), LearningError> {
     let mut out = std::io::stdout().lock();
     for algorithm in [Algorithm::SafeActorCritic, Algorithm::Maddpg] {
         for (agents, neighbours) in [(30, 6), (30, 8), (1000, 8)] {
-            let cost = update_cost(algorithm, agents, neighbours, Hyperparameters::default(), 300)?;
+            let cost = update_cost(
+                algorithm,
+                agents,
+                neighbours,
+                Hyperparameters::default(),
+                300,
+            )?;
             // A closed pipe is no reason to fail.
             let _ = writeln!(out, "{cost:?}");
         }

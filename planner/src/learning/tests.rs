@@ -1,1 +1,2 @@
 mod corridor;
+mod gradients;

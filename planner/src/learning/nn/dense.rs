@@ -70,23 +70,19 @@ impl Dense {
     /// `dx` = dL/dx of the first `columns` inputs, given dL/dy.
     pub fn backward_input(&self, parameters: &[f32], dy: &[f32], columns: usize, dx: &mut [f32]) {
         let rows = dy.len() / self.outputs;
-        dx.fill(0.0);
         let weights = Matrix::new(
             self.rows(parameters, 0),
             columns,
             self.outputs,
             self.outputs,
         );
-        Matrix::new(dy, rows, self.outputs, self.outputs).multiply_add(
-            weights.transposed(),
-            dx,
-            columns,
-        );
+        let dy = Matrix::new(dy, rows, self.outputs, self.outputs);
+        dy.multiply_into(weights.transposed(), dx, columns);
     }
 }
 
 /// Adds the rows of `matrix`, each as long as `sum`, to `sum`.
-pub fn add_rows(matrix: &[f32], sum: &mut [f32]) {
+fn add_rows(matrix: &[f32], sum: &mut [f32]) {
     pulp::Arch::new().dispatch(AddRows { matrix, sum });
 }
 

@@ -2,7 +2,6 @@ use pulp::NullaryFnOnce;
 use rand::Rng;
 
 use super::activation::{sigmoid, tanh};
-use super::dense::add_rows;
 use super::{Layout, Matrix, Sequences, fill_uniform};
 
 /// A long short-term memory over a batch of sequences; its result is the last hidden state.
@@ -14,19 +13,19 @@ use super::{Layout, Matrix, Sequences, fill_uniform};
 /// h' = sigmoid(o) tanh(c')
 /// ```
 ///
-/// W has a row for each input feature, then one for each hidden unit. h and c begin at zero.
+/// W has a row for each input feature, then one for each hidden unit; b follows as one more, for an
+/// input that is always one. h and c begin at zero.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Lstm {
     pub inputs: usize,
     pub hidden: usize,
     weights: usize,
-    bias: usize,
 }
 
 /// What the forward pass keeps for the backward pass.
 #[derive(Debug, Clone, Default)]
 pub struct LstmBuffers {
-    /// [x, h] of every packed row.
+    /// [x, h, 1] of every packed row.
     joined: Vec<f32>,
     /// The four gates of every packed row after their activations; then the gradients before them.
     gates: Vec<f32>,
@@ -46,7 +45,7 @@ impl LstmBuffers {
     pub fn new(lstm: &Lstm, rows: usize, steps: usize) -> Self {
         let hidden = lstm.hidden;
         Self {
-            joined: vec![0.0; rows * steps * (lstm.inputs + hidden)],
+            joined: vec![0.0; rows * steps * lstm.width()],
             gates: vec![0.0; rows * steps * 4 * hidden],
             cells: vec![0.0; rows * steps * hidden],
             squashed: vec![0.0; rows * steps * hidden],
@@ -59,25 +58,27 @@ impl LstmBuffers {
 
 impl Lstm {
     pub fn new(layout: &mut Layout, name: &str, inputs: usize, hidden: usize) -> Self {
+        let weights = layout.add(format!("{name}.weight"), &[inputs + hidden, 4 * hidden]);
+        layout.add(format!("{name}.bias"), &[4 * hidden]);
         Self {
             inputs,
             hidden,
-            weights: layout.add(format!("{name}.weight"), &[inputs + hidden, 4 * hidden]),
-            bias: layout.add(format!("{name}.bias"), &[4 * hidden]),
+            weights,
         }
     }
 
     /// Uniform in +-1/sqrt(hidden); the forget gate's bias at one, so that it remembers at first.
     pub fn initialise(&self, parameters: &mut [f32], rng: &mut impl Rng) {
         let hidden = self.hidden;
-        let count = (self.inputs + hidden + 1) * 4 * hidden;
+        let rows = self.width() * 4 * hidden;
         let bound = 1.0 / (hidden as f32).sqrt();
-        fill_uniform(&mut parameters[self.weights..][..count], bound, rng);
-        parameters[self.bias + hidden..][..hidden].fill(1.0);
+        let weights = &mut parameters[self.weights..][..rows];
+        fill_uniform(weights, bound, rng);
+        weights[rows - 3 * hidden..rows - 2 * hidden].fill(1.0);
     }
 
     fn width(&self) -> usize {
-        self.inputs + self.hidden
+        self.inputs + self.hidden + 1
     }
 
     fn weights<'a>(&self, parameters: &'a [f32]) -> &'a [f32] {
@@ -95,52 +96,40 @@ impl Lstm {
         stride: usize,
     ) {
         let (hidden, width, four) = (self.hidden, self.width(), 4 * self.hidden);
-        let bias = &parameters[self.bias..][..four];
         let weights = Matrix::new(self.weights(parameters), width, four, four);
-        let LstmBuffers {
-            joined,
-            gates,
-            cells,
-            squashed,
-            ..
-        } = buffers;
         for row in last.chunks_mut(stride) {
             row[..hidden].fill(0.0);
         }
+        let steps = sequences.steps();
         let mut before = 0;
-        for t in 0..sequences.steps() {
+        for t in 0..steps {
             let rows = sequences.rows(t);
-            let active = rows.len();
-            let joined = &mut joined[rows.start * width..rows.end * width];
+            let joined = &mut buffers.joined[rows.start * width..];
+            let (joined, following) = joined.split_at_mut(rows.len() * width);
             let inputs = &sequences.inputs()[rows.start * sequences.features()..];
             let given = inputs.chunks_exact(sequences.features());
-            for ((row, x), h) in joined
-                .chunks_exact_mut(width)
-                .zip(given)
-                .zip(last.chunks(stride))
-            {
+            for (row, x) in joined.chunks_exact_mut(width).zip(given) {
                 row[..self.inputs].copy_from_slice(&x[..self.inputs]);
-                row[self.inputs..].copy_from_slice(&h[..hidden]);
+                row[width - 1] = 1.0;
             }
-            let gates = &mut gates[rows.start * four..rows.end * four];
-            for row in gates.chunks_exact_mut(four) {
-                row.copy_from_slice(bias);
+            for row in joined.chunks_exact_mut(width).skip(before) {
+                row[self.inputs..width - 1].fill(0.0);
             }
-            Matrix::new(joined, active, width, width).multiply_add(weights, gates, four);
-            let (past, now) = cells.split_at_mut(rows.start * hidden);
-            let past = &past[past.len() - before * hidden..];
-            let now = &mut now[..active * hidden];
-            let squashed = &mut squashed[rows.start * hidden..rows.end * hidden];
+            let gates = &mut buffers.gates[rows.start * four..rows.end * four];
+            Matrix::new(joined, rows.len(), width, width).multiply_into(weights, gates, four);
+            let (past, now) = buffers.cells.split_at_mut(rows.start * hidden);
+            let is_last = t + 1 == steps;
             pulp::Arch::new().dispatch(Steps {
                 hidden,
                 gates,
-                past,
-                now,
-                squashed,
-                last,
-                stride,
+                past: &past[past.len() - before * hidden..],
+                now: &mut now[..rows.len() * hidden],
+                squashed: &mut buffers.squashed[rows.start * hidden..rows.end * hidden],
+                next: if is_last { &mut *last } else { following },
+                first: if is_last { 0 } else { self.inputs },
+                stride: if is_last { stride } else { width },
             });
-            before = active;
+            before = rows.len();
         }
     }
 
@@ -193,12 +182,8 @@ impl Lstm {
                 cell_gradient,
             });
             let through = &mut hidden_gradient[..before.len() * hidden];
-            through.fill(0.0);
-            Matrix::new(gates, before.len(), four, four).multiply_add(
-                Matrix::new(turned, four, hidden, hidden),
-                through,
-                hidden,
-            );
+            let turned = Matrix::new(turned, four, hidden, hidden);
+            Matrix::new(gates, before.len(), four, four).multiply_into(turned, through, hidden);
         }
         let packed = sequences.packed();
         let gates = &gates[..packed * four];
@@ -206,7 +191,6 @@ impl Lstm {
         Matrix::new(joined, packed, width, width)
             .transposed()
             .multiply_add(Matrix::new(gates, packed, four, four), weights, four);
-        add_rows(gates, &mut gradient[self.bias..][..four]);
     }
 }
 
@@ -217,7 +201,9 @@ struct Steps<'a> {
     past: &'a [f32],
     now: &'a mut [f32],
     squashed: &'a mut [f32],
-    last: &'a mut [f32],
+    /// Where the hidden states go: from `first` on in rows `stride` apart.
+    next: &'a mut [f32],
+    first: usize,
     stride: usize,
 }
 
@@ -236,7 +222,7 @@ impl NullaryFnOnce for Steps<'_> {
                 past,
                 cell,
                 squashed,
-                &mut self.last[r * self.stride..][..n],
+                &mut self.next[r * self.stride + self.first..][..n],
             );
         }
     }
@@ -336,6 +322,88 @@ fn transpose(from: &[f32], to: &mut [f32], rows: usize, cols: usize) {
                     to[col * rows + row] = from[row * cols + col];
                 }
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn close(found: &[f32], expected: &serde_json::Value) {
+        let expected = expected.as_array().expect("numbers");
+        assert_eq!(found.len(), expected.len());
+        for (found, expected) in found.iter().zip(expected) {
+            let expected = expected.as_f64().expect("a number");
+            assert!(
+                (f64::from(*found) - expected).abs() < 2e-5,
+                "{found} for {expected}"
+            );
+        }
+    }
+
+    /// Values and gradients by PyTorch: tests/oracles/lstm.py.
+    #[test]
+    fn it_is_pytorchs() {
+        let fixture: serde_json::Value =
+            serde_json::from_str(include_str!("lstm.json")).expect("the fixture");
+        let size = |name: &str| fixture[name].as_u64().expect("a size") as usize;
+        let numbers = |value: &serde_json::Value| -> Vec<f32> {
+            let numbers = value.as_array().expect("numbers").iter();
+            numbers
+                .map(|x| x.as_f64().expect("a number") as f32)
+                .collect()
+        };
+        let (inputs, hidden) = (size("inputs"), size("hidden"));
+        let mut layout = Layout::default();
+        let lstm = Lstm::new(&mut layout, "lstm", inputs, hidden);
+        let mut parameters = numbers(&fixture["weight"]);
+        parameters.extend(numbers(&fixture["bias"]));
+        assert_eq!(parameters.len(), layout.len());
+
+        let given = fixture["sequences"].as_array().expect("sequences");
+        let steps = 4;
+        let mut sequences = Sequences::new(given.len() + 1, steps, inputs + 1);
+        let mut counts = vec![0; steps + 1];
+        counts[0] = 1; // one that is empty, besides PyTorch's
+        for sequence in given {
+            counts[sequence.as_array().expect("numbers").len() / inputs] += 1;
+        }
+        sequences.lay_out(&counts);
+        for (row, sequence) in given.iter().enumerate() {
+            let numbers = numbers(sequence);
+            let begins = steps - numbers.len() / inputs;
+            for (t, x) in numbers.chunks_exact(inputs).enumerate() {
+                let to = sequences.input_mut(begins + t, row);
+                to[..inputs].copy_from_slice(x);
+                to[inputs] = 99.0; // not one of its inputs
+            }
+        }
+        let stride = hidden + 2;
+        let mut buffers = LstmBuffers::new(&lstm, given.len() + 1, steps);
+        let mut last = vec![f32::NAN; (given.len() + 1) * stride];
+        let mut gradient = vec![0.0; layout.len()];
+        for _ in 0..2 {
+            lstm.forward(&parameters, &sequences, &mut buffers, &mut last, stride);
+            let rows = last.chunks(stride).take(given.len());
+            let found: Vec<f32> = rows.flat_map(|row| row[..hidden].to_vec()).collect();
+            close(&found, &fixture["last"]);
+            assert_eq!(last[given.len() * stride..][..hidden], vec![0.0; hidden]);
+
+            let mut factors = numbers(&fixture["factors"]);
+            factors.extend(vec![7.0; hidden]);
+            gradient.fill(0.0);
+            lstm.backward(
+                &parameters,
+                &sequences,
+                &mut buffers,
+                &factors,
+                hidden,
+                &mut gradient,
+            );
+            let (weights, bias) = gradient.split_at(gradient.len() - 4 * hidden);
+            close(weights, &fixture["weight_gradient"]);
+            close(bias, &fixture["bias_gradient"]);
         }
     }
 }

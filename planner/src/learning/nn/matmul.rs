@@ -40,6 +40,15 @@ impl<'a> Matrix<'a> {
 
     /// `out` += self * `right`; rows of `out` are `stride` apart.
     pub fn multiply_add(self, right: Self, out: &mut [f32], stride: usize) {
+        self.multiply(right, out, stride, true);
+    }
+
+    /// `out` = self * `right`; rows of `out` are `stride` apart.
+    pub fn multiply_into(self, right: Self, out: &mut [f32], stride: usize) {
+        self.multiply(right, out, stride, false);
+    }
+
+    fn multiply(self, right: Self, out: &mut [f32], stride: usize, adds: bool) {
         let (m, n, k) = (self.rows, right.cols, self.cols);
         if m == 0 || n == 0 || k == 0 {
             return;
@@ -55,7 +64,7 @@ impl<'a> Matrix<'a> {
                 out.as_mut_ptr(),
                 1,
                 stride as isize,
-                true,
+                adds,
                 self.data.as_ptr(),
                 self.col_stride as isize,
                 self.row_stride as isize,
@@ -88,10 +97,13 @@ mod tests {
             let (a, b) = (numbers(m * k), numbers(k * n));
             let expected =
                 |i: usize, j: usize| (0..k).map(|p| a[i * k + p] * b[p * n + j]).sum::<f32>() + 2.0;
+            let mut only = vec![f32::NAN; m * n];
             let mut out = vec![2.0; m * n];
             Matrix::new(&a, m, k, k).multiply_add(Matrix::new(&b, k, n, n), &mut out, n);
+            Matrix::new(&a, m, k, k).multiply_into(Matrix::new(&b, k, n, n), &mut only, n);
             for (index, &value) in out.iter().enumerate() {
                 assert!((value - expected(index / n, index % n)).abs() < 1e-3);
+                assert!((only[index] + 2.0 - value).abs() < 1e-3);
             }
             let mut turned = vec![2.0; m * n];
             let (a, b) = (Matrix::new(&a, m, k, k), Matrix::new(&b, k, n, n));
