@@ -25,10 +25,12 @@
 mod action_set;
 mod batch;
 mod benchmark;
+mod checkpoint;
 mod environment;
 mod error;
 mod features;
 mod hyperparameters;
+mod learned_policy;
 mod learner;
 mod network;
 mod nn;
@@ -42,12 +44,14 @@ mod tests;
 
 pub use action_set::{ACTIONS, ActionSet, CHOICES, action_index};
 pub use benchmark::{UpdateCost, update_cost};
+pub use checkpoint::{CheckpointHeader, Counts};
 pub use environment::{Environment, EnvironmentError, Options, Outcome, Shape};
 pub use error::LearningError;
 pub use features::{
     CapCount, FeatureEncoder, GLOBAL_FEATURES, InvalidFeatures, NEIGHBOUR_FEATURES, OWN_FEATURES,
 };
 pub use hyperparameters::Hyperparameters;
+pub use learned_policy::LearnedPolicy;
 pub use learner::Losses;
 pub use nn::AdamSettings;
 pub use situations::{Situation, SituationMut, Situations};

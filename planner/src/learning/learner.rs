@@ -29,6 +29,16 @@ impl Learnt {
         }
     }
 
+    /// All its numbers, by name.
+    pub fn parts(&self) -> [(&'static str, &[f32]); 4] {
+        [
+            ("weights", &self.weights),
+            ("target", &self.target),
+            ("mean", &self.adam.mean),
+            ("square", &self.adam.square),
+        ]
+    }
+
     /// One step of Adam along `gradient`, shortened where the settings say so; then the target
     /// follows. False, with nothing changed, where the gradient is not finite.
     fn step(&mut self, settings: &Hyperparameters, rate: f32, gradient: &mut [f32]) -> bool {

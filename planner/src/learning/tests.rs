@@ -1,2 +1,3 @@
+mod checkpoints;
 mod corridor;
 mod gradients;

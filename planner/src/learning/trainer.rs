@@ -1,13 +1,18 @@
+use std::path::Path;
+
 use covista_world::Action;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::batch::BatchShape;
+use super::checkpoint::{CheckpointHeader, Counts, Reader, Writer};
 use super::learner::{Learner, Losses, Workspace};
 use super::network::Network;
+use super::nn::Adam;
 use super::replay::{FrameId, ReplayBuffer};
 use super::{
-    ACTIONS, Environment, Hyperparameters, LearningError, Outcome, Shape, Situation, Situations,
+    ACTIONS, Environment, Hyperparameters, LearnedPolicy, LearningError, Outcome, Shape, Situation,
+    Situations,
 };
 
 /// What learns.
@@ -215,6 +220,122 @@ impl<E: Environment> Trainer<E> {
     /// When an environment fails or gives a number that is not finite.
     pub fn evaluate(&mut self, seed: u64) -> Result<RoundReport, LearningError> {
         self.round(seed, false)
+    }
+
+    /// Writes everything that is needed to go on: weights, targets and Adam's moments of every
+    /// learner, settings and counts. The replay buffers are not kept; they fill anew.
+    ///
+    /// # Errors
+    /// When the file cannot be written; an older one stays then.
+    pub fn save(&self, path: &Path) -> Result<(), LearningError> {
+        let mut writer = Writer::default();
+        for seat in &self.seats {
+            let Learner {
+                index,
+                actor,
+                critic,
+                ..
+            } = &seat.learner;
+            for (role, learnt) in [("actor", actor), ("critic", critic)] {
+                for (part, numbers) in learnt.parts() {
+                    writer.add(&format!("{index}.{role}.{part}"), &learnt.network, numbers);
+                }
+            }
+        }
+        writer.save(path, &self.header())
+    }
+
+    /// Writes the actors alone, for [`super::LearnedPolicy`].
+    ///
+    /// # Errors
+    /// When the file cannot be written; an older one stays then.
+    pub fn save_policy(&self, path: &Path) -> Result<(), LearningError> {
+        let mut writer = Writer::default();
+        for seat in &self.seats {
+            let Learner { index, actor, .. } = &seat.learner;
+            writer.add(
+                &format!("{index}.actor.weights"),
+                &actor.network,
+                &actor.weights,
+            );
+        }
+        writer.save(path, &self.header())
+    }
+
+    /// Goes on from a checkpoint, with its settings.
+    ///
+    /// # Errors
+    /// When the file is missing, damaged, of other sizes than the environments, or has a number
+    /// that is not finite.
+    pub fn resume(environments: Vec<E>, path: &Path) -> Result<Self, LearningError> {
+        let reader = Reader::open(path)?;
+        let header = &reader.header;
+        let mut trainer = Self::new(environments, header.settings)?;
+        if trainer.shape != header.shape {
+            let (found, needed) = (header.shape, trainer.shape);
+            let problem = format!("is for {found:?}, the environments have {needed:?}");
+            return Err(reader.problem(problem));
+        }
+        if trainer.seats.len() != header.learners.len() {
+            let (found, needed) = (header.learners.len(), trainer.seats.len());
+            return Err(reader.problem(format!("has {found} learners of {needed}")));
+        }
+        trainer.rounds = header.rounds;
+        for (seat, counts) in trainer.seats.iter_mut().zip(&header.learners) {
+            let Learner {
+                index,
+                actor,
+                critic,
+                ..
+            } = &mut seat.learner;
+            for (role, learnt) in [("actor", actor), ("critic", critic)] {
+                let read =
+                    |part| reader.numbers(&format!("{index}.{role}.{part}"), &learnt.network);
+                let (weights, target) = (read("weights")?, read("target")?);
+                let (mean, square) = (read("mean")?, read("square")?);
+                let steps = counts.updates;
+                (learnt.weights, learnt.target) = (weights, target);
+                learnt.adam = Adam {
+                    mean,
+                    square,
+                    steps,
+                };
+            }
+            seat.learner.updates = counts.updates;
+            seat.learner.decisions = counts.decisions;
+        }
+        Ok(trainer)
+    }
+
+    /// The actor of learner `index` as it is now; `None` without such a learner.
+    pub fn policy(&self, index: usize, loop_length_m: Option<f64>) -> Option<LearnedPolicy> {
+        let actor = &self.seats.get(index)?.learner.actor;
+        let (network, weights) = (actor.network.clone(), actor.weights.clone());
+        Some(LearnedPolicy::new(
+            self.shape,
+            network,
+            weights,
+            loop_length_m,
+        ))
+    }
+
+    fn header(&self) -> CheckpointHeader {
+        let counts = |seat: &Seat| Counts {
+            updates: seat.learner.updates,
+            decisions: seat.learner.decisions,
+        };
+        let learners = self.seats.iter().map(counts).collect();
+        CheckpointHeader::new(self.shape, self.settings, self.rounds, learners)
+    }
+
+    /// What is trained and how.
+    pub fn settings(&self) -> &TrainingSettings {
+        &self.settings
+    }
+
+    /// The environments.
+    pub fn environments(&self) -> &[E] {
+        &self.environments
     }
 
     /// Rounds trained so far.
