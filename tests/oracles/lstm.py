@@ -25,8 +25,8 @@ factors = torch.randn(len(LENGTHS), HIDDEN)
 
 
 def joined(of):
-    """Rows for the inputs, then for the hidden units; PyTorch keeps them transposed and apart."""
-    return torch.cat([of(lstm.weight_ih_l0).T, of(lstm.weight_hh_l0).T]).flatten().tolist()
+    """Rows for the hidden units, then for the inputs; PyTorch keeps them transposed and apart."""
+    return torch.cat([of(lstm.weight_hh_l0).T, of(lstm.weight_ih_l0).T]).flatten().tolist()
 
 
 fixture = {

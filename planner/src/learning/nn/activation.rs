@@ -35,9 +35,7 @@ pub fn tanh(x: f32) -> f32 {
 /// The gradient of max(0, x): what comes through where the result was above zero.
 pub fn relu_backward(result: &[f32], gradient: &mut [f32]) {
     for (gradient, &result) in gradient.iter_mut().zip(result) {
-        if result <= 0.0 {
-            *gradient = 0.0;
-        }
+        *gradient = if result > 0.0 { *gradient } else { 0.0 };
     }
 }
 

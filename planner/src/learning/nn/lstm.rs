@@ -6,14 +6,14 @@ use super::{Layout, Matrix, Sequences, fill_uniform};
 
 /// A long short-term memory over a batch of sequences; its result is the last hidden state.
 ///
-/// In one step, z = [x, h] W + b in four parts, i, f, g, o, then
+/// In one step, z = [h, x] W + b in four parts, i, f, g, o, then
 ///
 /// ```text
 /// c' = sigmoid(f) c + sigmoid(i) tanh(g)
 /// h' = sigmoid(o) tanh(c')
 /// ```
 ///
-/// W has a row for each input feature, then one for each hidden unit; b follows as one more, for an
+/// W has a row for each hidden unit, then one for each input feature; b follows as one more, for an
 /// input that is always one. h and c begin at zero.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Lstm {
@@ -25,7 +25,7 @@ pub struct Lstm {
 /// What the forward pass keeps for the backward pass.
 #[derive(Debug, Clone, Default)]
 pub struct LstmBuffers {
-    /// [x, h, 1] of every packed row.
+    /// [h, x, 1] of every packed row.
     joined: Vec<f32>,
     /// The four gates of every packed row after their activations; then the gradients before them.
     gates: Vec<f32>,
@@ -58,7 +58,7 @@ impl LstmBuffers {
 
 impl Lstm {
     pub fn new(layout: &mut Layout, name: &str, inputs: usize, hidden: usize) -> Self {
-        let weights = layout.add(format!("{name}.weight"), &[inputs + hidden, 4 * hidden]);
+        let weights = layout.add(format!("{name}.weight"), &[hidden + inputs, 4 * hidden]);
         layout.add(format!("{name}.bias"), &[4 * hidden]);
         Self {
             inputs,
@@ -96,7 +96,7 @@ impl Lstm {
         stride: usize,
     ) {
         let (hidden, width, four) = (self.hidden, self.width(), 4 * self.hidden);
-        let weights = Matrix::new(self.weights(parameters), width, four, four);
+        let weights = self.weights(parameters);
         for row in last.chunks_mut(stride) {
             row[..hidden].fill(0.0);
         }
@@ -109,14 +109,22 @@ impl Lstm {
             let inputs = &sequences.inputs()[rows.start * sequences.features()..];
             let given = inputs.chunks_exact(sequences.features());
             for (row, x) in joined.chunks_exact_mut(width).zip(given) {
-                row[..self.inputs].copy_from_slice(&x[..self.inputs]);
+                row[hidden..width - 1].copy_from_slice(&x[..self.inputs]);
                 row[width - 1] = 1.0;
             }
             for row in joined.chunks_exact_mut(width).skip(before) {
-                row[self.inputs..width - 1].fill(0.0);
+                row[..hidden].fill(0.0);
             }
             let gates = &mut buffers.gates[rows.start * four..rows.end * four];
-            Matrix::new(joined, rows.len(), width, width).multiply_into(weights, gates, four);
+            // Where all sequences begin, h is zero and its part of the product left out.
+            let skipped = if before == 0 { hidden } else { 0 };
+            let read = width - skipped;
+            let joined = joined.get(skipped..).unwrap_or_default();
+            Matrix::new(joined, rows.len(), read, width).multiply_into(
+                Matrix::new(&weights[skipped * four..], read, four, four),
+                gates,
+                four,
+            );
             let (past, now) = buffers.cells.split_at_mut(rows.start * hidden);
             let is_last = t + 1 == steps;
             pulp::Arch::new().dispatch(Steps {
@@ -126,7 +134,6 @@ impl Lstm {
                 now: &mut now[..rows.len() * hidden],
                 squashed: &mut buffers.squashed[rows.start * hidden..rows.end * hidden],
                 next: if is_last { &mut *last } else { following },
-                first: if is_last { 0 } else { self.inputs },
                 stride: if is_last { stride } else { width },
             });
             before = rows.len();
@@ -154,12 +161,7 @@ impl Lstm {
             turned,
         } = buffers;
         let steps = sequences.steps();
-        transpose(
-            &self.weights(parameters)[self.inputs * four..],
-            turned,
-            hidden,
-            four,
-        );
+        transpose(self.weights(parameters), turned, hidden, four);
         cell_gradient.fill(0.0);
         for (row, given) in hidden_gradient
             .chunks_exact_mut(hidden)
@@ -185,12 +187,25 @@ impl Lstm {
             let turned = Matrix::new(turned, four, hidden, hidden);
             Matrix::new(gates, before.len(), four, four).multiply_into(turned, through, hidden);
         }
+        // The hidden units' rows of the gradient, over the rows where h is not zero; the others'.
+        let (of_hidden, of_inputs) =
+            gradient[self.weights..][..width * four].split_at_mut(hidden * four);
         let packed = sequences.packed();
-        let gates = &gates[..packed * four];
-        let weights = &mut gradient[self.weights..][..width * four];
-        Matrix::new(joined, packed, width, width)
-            .transposed()
-            .multiply_add(Matrix::new(gates, packed, four, four), weights, four);
+        let later = (0..steps)
+            .find(|&t| sequences.active(t) > 0)
+            .map_or(packed, |first| sequences.rows(first).end);
+        for (rows, cols, gradient) in [
+            (later..packed, 0..hidden, of_hidden),
+            (0..packed, hidden..width, of_inputs),
+        ] {
+            let joined = joined
+                .get(rows.start * width + cols.start..)
+                .unwrap_or_default();
+            let gates = &gates[rows.start * four..rows.end * four];
+            Matrix::new(joined, rows.len(), cols.len(), width)
+                .transposed()
+                .multiply_add(Matrix::new(gates, rows.len(), four, four), gradient, four);
+        }
     }
 }
 
@@ -201,9 +216,8 @@ struct Steps<'a> {
     past: &'a [f32],
     now: &'a mut [f32],
     squashed: &'a mut [f32],
-    /// Where the hidden states go: from `first` on in rows `stride` apart.
+    /// Where the hidden states go, in rows `stride` apart.
     next: &'a mut [f32],
-    first: usize,
     stride: usize,
 }
 
@@ -222,7 +236,7 @@ impl NullaryFnOnce for Steps<'_> {
                 past,
                 cell,
                 squashed,
-                &mut self.next[r * self.stride + self.first..][..n],
+                &mut self.next[r * self.stride..][..n],
             );
         }
     }
