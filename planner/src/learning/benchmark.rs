@@ -4,6 +4,7 @@ use covista_world::Action;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use super::learner::{Learner, Workspace};
 use super::trainer::Plan;
 use super::{
     ActionSet, Algorithm, GLOBAL_FEATURES, Hyperparameters, LearningError, NEIGHBOUR_FEATURES,
@@ -33,7 +34,7 @@ pub struct UpdateCost {
 /// `neighbours` places are taken.
 ///
 /// # Errors
-/// When a hyperparameter makes no sense or there is no agent.
+/// When a hyperparameter makes no sense, there is no agent, or too many neighbours.
 pub fn update_cost(
     algorithm: Algorithm,
     agents: usize,
@@ -41,16 +42,41 @@ pub fn update_cost(
     hyperparameters: Hyperparameters,
     updates: usize,
 ) -> Result<UpdateCost, LearningError> {
+    let (mut learner, mut workspace, plan) =
+        prepared(algorithm, agents, neighbours, hyperparameters)?;
+    let mut times_ms = Vec::with_capacity(updates.max(1));
+    learner.update(&mut workspace)?;
+    for _ in 0..updates.max(1) {
+        let start = Instant::now();
+        learner.update(&mut workspace)?;
+        times_ms.push(start.elapsed().as_secs_f64() * 1e3);
+    }
+    times_ms.sort_by(f64::total_cmp);
+    let median_ms = times_ms[times_ms.len() / 2];
+    Ok(UpdateCost {
+        algorithm,
+        agents,
+        neighbours,
+        updates_per_s: 1e3 / median_ms,
+        median_ms,
+        critic_input_bytes: plan.critic.inputs_per_row(neighbours) * size_of::<f32>(),
+        transition_bytes: learner.replay.bytes_per_transition(),
+    })
+}
+
+/// A learner whose buffer is full of random transitions, what it writes to, and its sizes.
+pub(super) fn prepared(
+    algorithm: Algorithm,
+    agents: usize,
+    neighbours: usize,
+    hyperparameters: Hyperparameters,
+) -> Result<(Learner, Workspace, Plan), LearningError> {
     let hyperparameters = Hyperparameters {
         replay: 512.max(2 * hyperparameters.minibatch),
         warm_up: hyperparameters.minibatch,
         ..hyperparameters
     };
     hyperparameters.validate()?;
-    if agents == 0 || neighbours > usize::from(u8::MAX) {
-        let problem = "a measurement needs at least one CAV and at most 255 neighbours";
-        return Err(LearningError::Environments(problem.into()));
-    }
     let shape = Shape {
         agents,
         own: OWN_FEATURES,
@@ -58,6 +84,7 @@ pub fn update_cost(
         neighbour: NEIGHBOUR_FEATURES,
         global: GLOBAL_FEATURES,
     };
+    shape.validate()?;
     let settings = TrainingSettings {
         algorithm,
         sharing: Sharing::Independent,
@@ -65,7 +92,7 @@ pub fn update_cost(
         seed: 0,
     };
     let plan = Plan::new(shape, &settings);
-    let (mut learner, mut workspace) = (plan.learner(0), plan.workspace());
+    let (mut learner, workspace) = (plan.learner(0), plan.workspace());
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     let mut draw =
         |count| -> Vec<f32> { (0..count).map(|_| rng.random_range(-1.0..1.0)).collect() };
@@ -96,22 +123,5 @@ pub fn update_cost(
             learner.replay.complete(0, before, own[0], Some(frame))?;
         }
     }
-    let mut times_ms = Vec::with_capacity(updates.max(1));
-    learner.update(&mut workspace)?;
-    for _ in 0..updates.max(1) {
-        let start = Instant::now();
-        learner.update(&mut workspace)?;
-        times_ms.push(start.elapsed().as_secs_f64() * 1e3);
-    }
-    times_ms.sort_by(f64::total_cmp);
-    let median_ms = times_ms[times_ms.len() / 2];
-    Ok(UpdateCost {
-        algorithm,
-        agents,
-        neighbours,
-        updates_per_s: 1e3 / median_ms,
-        median_ms,
-        critic_input_bytes: plan.critic.inputs_per_row(neighbours) * size_of::<f32>(),
-        transition_bytes: learner.replay.bytes_per_transition(),
-    })
+    Ok((learner, workspace, plan))
 }

@@ -138,6 +138,7 @@ impl Reader {
             return Err(fail(problem));
         }
         header.settings.hyperparameters.validate()?;
+        header.shape.validate()?;
         Ok(Self {
             path: path.to_owned(),
             bytes,

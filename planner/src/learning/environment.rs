@@ -1,6 +1,10 @@
 use covista_world::Action;
 
-use super::{ActionSet, Situations};
+use super::{ActionSet, LearningError, Situations};
+
+const MOST_FEATURES: usize = 1024;
+const MOST_NEIGHBOURS: usize = u8::MAX as usize;
+const MOST_AGENTS: usize = 100_000;
 
 /// Why an environment cannot be reset or stepped.
 #[derive(Debug, thiserror::Error)]
@@ -58,6 +62,33 @@ pub struct Shape {
     pub neighbour: usize,
     /// Features of an agent in the global state of a centralised critic; 0 where none is needed.
     pub global: usize,
+}
+
+impl Shape {
+    /// Checks that networks of these sizes can be made.
+    pub(super) fn validate(&self) -> Result<(), LearningError> {
+        let refuse = |problem: String| Err(LearningError::Environments(problem));
+        if self.agents == 0 {
+            return refuse("there is no CAV to learn; set at least one CAV".into());
+        }
+        let is_feature_count = |count: usize| (1..=MOST_FEATURES).contains(&count);
+        if !is_feature_count(self.own) || !is_feature_count(self.neighbour) {
+            return refuse(format!(
+                "own and neighbour features must be 1 to {MOST_FEATURES}, not {self:?}"
+            ));
+        }
+        if self.neighbours > MOST_NEIGHBOURS {
+            return refuse(format!(
+                "neighbours must be at most {MOST_NEIGHBOURS}, not {self:?}"
+            ));
+        }
+        if self.agents > MOST_AGENTS || self.global > MOST_FEATURES {
+            return refuse(format!(
+                "agents must be at most {MOST_AGENTS}, global features {MOST_FEATURES}, not {self:?}"
+            ));
+        }
+        Ok(())
+    }
 }
 
 /// n connected vehicles that act together once every behaviour step.

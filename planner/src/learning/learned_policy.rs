@@ -7,8 +7,8 @@ use super::checkpoint::Reader;
 use super::network::{Buffers, Network};
 use super::trainer::Plan;
 use super::{
-    ActionSet, CHOICES, FeatureEncoder, LearningError, NEIGHBOUR_FEATURES, OWN_FEATURES, Options,
-    Shape, Situation, Situations,
+    CHOICES, FeatureEncoder, LearningError, NEIGHBOUR_FEATURES, OWN_FEATURES, Shape, Situation,
+    Situations,
 };
 use crate::{ActionValues, Observation, Policy};
 
@@ -17,11 +17,8 @@ use crate::{ActionValues, Observation, Policy};
 #[derive(Debug, Clone)]
 pub struct LearnedPolicy {
     encoder: FeatureEncoder,
-    actor: Network,
-    weights: Vec<f32>,
     situations: Situations,
-    batch: Batch,
-    buffers: Buffers,
+    network: Actor,
 }
 
 impl LearnedPolicy {
@@ -68,11 +65,13 @@ impl LearnedPolicy {
         };
         Self {
             encoder: FeatureEncoder::new(loop_length_m),
-            buffers: Buffers::new(&actor, batch),
-            actor,
-            weights,
             situations: Situations::new(one),
-            batch: Batch::new(batch),
+            network: Actor {
+                buffers: Buffers::new(&actor, batch),
+                batch: Batch::new(batch),
+                network: actor,
+                weights,
+            },
         }
     }
 
@@ -83,13 +82,7 @@ impl LearnedPolicy {
 
     /// The logits in a situation that is encoded already.
     pub fn logits(&mut self, situation: &Situation<'_>) -> [f32; CHOICES] {
-        let known = situation.neighbours.len() / self.batch.shape().neighbour;
-        self.batch.lay_out(1, |_| known);
-        self.batch.write(0, situation);
-        let values = self
-            .actor
-            .forward(&self.weights, &self.batch, &mut self.buffers);
-        std::array::from_fn(|index| values[index])
+        self.network.logits(situation)
     }
 }
 
@@ -98,20 +91,11 @@ impl Policy for LearnedPolicy {
     fn values(&mut self, observation: &Observation) -> ActionValues {
         self.situations.clear();
         let nobody = |_: StationId| None;
-        let mut situations = std::mem::replace(&mut self.situations, Situations::new(EMPTY));
-        let encoded = self
-            .encoder
-            .encode(observation, nobody, &mut situations.get_mut(0));
-        let mut situation = situations.get(0);
-        situation.options = Options {
-            legal: ActionSet::ALL,
-            safe: ActionSet::ALL,
-        };
-        let logits = match encoded {
-            Ok(()) => self.logits(&situation).map(f64::from),
+        let row = &mut self.situations.get_mut(0);
+        let logits = match self.encoder.encode(observation, nobody, row) {
+            Ok(()) => self.network.logits(&self.situations.get(0)).map(f64::from),
             Err(_) => [0.0, f64::NEG_INFINITY, f64::NEG_INFINITY],
         };
-        self.situations = situations;
         ActionValues {
             keep_lane: logits[0],
             change_left: logits[1],
@@ -120,10 +104,23 @@ impl Policy for LearnedPolicy {
     }
 }
 
-const EMPTY: Shape = Shape {
-    agents: 0,
-    own: 0,
-    neighbours: 0,
-    neighbour: 0,
-    global: 0,
-};
+/// An actor with its weights and room for one situation.
+#[derive(Debug, Clone)]
+struct Actor {
+    network: Network,
+    weights: Vec<f32>,
+    batch: Batch,
+    buffers: Buffers,
+}
+
+impl Actor {
+    fn logits(&mut self, situation: &Situation<'_>) -> [f32; CHOICES] {
+        let known = situation.neighbours.len() / self.batch.shape().neighbour;
+        self.batch.lay_out(1, |_| known);
+        self.batch.write(0, situation);
+        let values = self
+            .network
+            .forward(&self.weights, &self.batch, &mut self.buffers);
+        std::array::from_fn(|index| values[index])
+    }
+}

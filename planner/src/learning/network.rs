@@ -1,7 +1,7 @@
 use rand::Rng;
 
 use super::batch::{Batch, BatchShape};
-use super::nn::{Dense, Layout, Lstm, LstmBuffers, Tensor, relu_backward};
+use super::nn::{Dense, Layout, Lstm, LstmBuffers, Packed, Tensor, relu_backward};
 use super::{ACTIONS, CHOICES};
 
 /// How a network takes up what is around the vehicle.
@@ -35,6 +35,7 @@ pub(super) struct Network {
 #[derive(Debug, Clone)]
 pub(super) struct Buffers {
     lstm: LstmBuffers,
+    packed: Packed,
     /// Result of the trunk and own state of each row.
     joined: Vec<f32>,
     joined_gradient: Vec<f32>,
@@ -152,6 +153,7 @@ impl Network {
             self.trunk_width() + self.own,
             self.trunk_width(),
         );
+        let packed = &mut buffers.packed;
         let joined = &mut buffers.joined[..rows * width];
         match &self.trunk {
             Trunk::Neighbours(lstm) => {
@@ -159,13 +161,14 @@ impl Network {
                     parameters,
                     &batch.neighbours,
                     &mut buffers.lstm,
+                    packed,
                     joined,
                     width,
                 );
             }
             Trunk::Central(layer) => {
                 let result = &mut buffers.trunk[..rows * trunk];
-                layer.forward(parameters, batch.central(), layer.inputs, result);
+                layer.forward(parameters, batch.central(), layer.inputs, packed, result);
                 for (to, from) in joined
                     .chunks_exact_mut(width)
                     .zip(result.chunks_exact(trunk))
@@ -184,7 +187,8 @@ impl Network {
         }
         let (units, variants) = (self.hidden.outputs, self.variants());
         let before = &mut buffers.before[..rows * units];
-        self.hidden.forward(parameters, joined, width, before);
+        self.hidden
+            .forward(parameters, joined, width, packed, before);
         let after = &mut buffers.after[..rows * variants * units];
         let actions = self.hidden.rows(parameters, width);
         for (before, after) in before
@@ -208,7 +212,7 @@ impl Network {
             }
         }
         let values = &mut buffers.values[..rows * self.values];
-        self.head.forward(parameters, after, units, values);
+        self.head.forward(parameters, after, units, packed, values);
         values
     }
 
@@ -228,12 +232,13 @@ impl Network {
             self.trunk_width() + self.own,
         );
         let (units, variants) = (self.hidden.outputs, self.variants());
+        let packed = &mut buffers.packed;
         let after = &buffers.after[..rows * variants * units];
         let after_gradient = &mut buffers.after_gradient[..rows * variants * units];
         self.head
-            .backward_weights(after, units, values_gradient, gradient);
+            .backward_weights(after, units, values_gradient, packed, gradient);
         self.head
-            .backward_input(parameters, values_gradient, units, after_gradient);
+            .backward_input(parameters, values_gradient, units, packed, after_gradient);
         relu_backward(after, after_gradient);
 
         let before_gradient = &mut buffers.before_gradient[..rows * units];
@@ -253,22 +258,29 @@ impl Network {
         }
         let joined = &buffers.joined[..rows * width];
         self.hidden
-            .backward_weights(joined, width, before_gradient, gradient);
+            .backward_weights(joined, width, before_gradient, packed, gradient);
         let joined_gradient = &mut buffers.joined_gradient[..rows * trunk];
         self.hidden
-            .backward_input(parameters, before_gradient, trunk, joined_gradient);
+            .backward_input(parameters, before_gradient, trunk, packed, joined_gradient);
         match &self.trunk {
             Trunk::Neighbours(lstm) => lstm.backward(
                 parameters,
                 &batch.neighbours,
                 &mut buffers.lstm,
+                packed,
                 joined_gradient,
                 trunk,
                 gradient,
             ),
             Trunk::Central(layer) => {
                 relu_backward(&buffers.trunk[..rows * trunk], joined_gradient);
-                layer.backward_weights(batch.central(), layer.inputs, joined_gradient, gradient);
+                layer.backward_weights(
+                    batch.central(),
+                    layer.inputs,
+                    joined_gradient,
+                    packed,
+                    gradient,
+                );
             }
         }
     }
@@ -280,6 +292,7 @@ impl Buffers {
         let variants = network.variants();
         let rows = shape.rows;
         Self {
+            packed: Packed::default(),
             lstm: match &network.trunk {
                 Trunk::Neighbours(lstm) => LstmBuffers::new(lstm, rows, shape.neighbours),
                 Trunk::Central(_) => LstmBuffers::default(),

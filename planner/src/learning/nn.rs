@@ -16,7 +16,7 @@ pub use adam::AdamSettings;
 pub(super) use adam::{Adam, clip_to_norm, norm, soft_update};
 pub(super) use dense::Dense;
 pub(super) use lstm::{Lstm, LstmBuffers};
-pub(super) use matmul::Matrix;
+pub(super) use matmul::{Matrix, Out, Packed};
 pub(super) use sequences::Sequences;
 
 /// A part of a network's weights.

@@ -1,3 +1,5 @@
+mod allocation;
 mod checkpoints;
 mod corridor;
 mod gradients;
+mod replay;

@@ -674,14 +674,7 @@ fn common_shape<E: Environment>(
             "environments of different sizes cannot share learners: {shape:?} and {other:?}"
         ));
     }
-    if shape.agents == 0 {
-        return refuse("there is no CAV to learn; set at least one CAV".into());
-    }
-    if shape.own == 0 || shape.neighbour == 0 || shape.neighbours > usize::from(u8::MAX) {
-        return refuse(format!(
-            "features must be at least one and neighbours at most 255, not {shape:?}"
-        ));
-    }
+    shape.validate()?;
     if algorithm.is_central() && shape.global == 0 {
         return refuse("MADDPG needs the global state; set Shape::global above 0".into());
     }

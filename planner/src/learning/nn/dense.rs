@@ -1,7 +1,7 @@
 use pulp::NullaryFnOnce;
 use rand::Rng;
 
-use super::{Layout, Matrix, fill_uniform};
+use super::{Layout, Matrix, Out, Packed, fill_uniform};
 
 /// A fully connected layer: y = x W + b, W stored input by input.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -42,42 +42,63 @@ impl Dense {
     }
 
     /// `y` = `x` W + b, with as many of the first inputs as `x` has columns (the others are zero).
-    pub fn forward(&self, parameters: &[f32], x: &[f32], columns: usize, y: &mut [f32]) {
+    pub fn forward(
+        &self,
+        parameters: &[f32],
+        x: &[f32],
+        columns: usize,
+        packed: &mut Packed,
+        y: &mut [f32],
+    ) {
         let bias = &parameters[self.bias..][..self.outputs];
         for row in y.chunks_exact_mut(self.outputs) {
             row.copy_from_slice(bias);
         }
+        packed.pack(self.weights(parameters, columns));
         let rows = y.len() / self.outputs;
-        let weights = Matrix::new(
-            self.rows(parameters, 0),
-            columns,
-            self.outputs,
-            self.outputs,
-        );
-        Matrix::new(x, rows, columns, columns).multiply_add(weights, y, self.outputs);
+        Matrix::new(x, rows, columns, columns).multiply(packed, 0, Out::add(y, self.outputs));
     }
 
     /// Adds dL/dW and dL/db, given x and dL/dy.
-    pub fn backward_weights(&self, x: &[f32], columns: usize, dy: &[f32], gradient: &mut [f32]) {
+    pub fn backward_weights(
+        &self,
+        x: &[f32],
+        columns: usize,
+        dy: &[f32],
+        packed: &mut Packed,
+        gradient: &mut [f32],
+    ) {
         let rows = dy.len() / self.outputs;
-        let dy_matrix = Matrix::new(dy, rows, self.outputs, self.outputs);
+        packed.pack(Matrix::new(dy, rows, self.outputs, self.outputs));
+        let out = Out::add(self.rows_mut(gradient, 0), self.outputs);
         Matrix::new(x, rows, columns, columns)
             .transposed()
-            .multiply_add(dy_matrix, self.rows_mut(gradient, 0), self.outputs);
+            .multiply(packed, 0, out);
         add_rows(dy, &mut gradient[self.bias..][..self.outputs]);
     }
 
     /// `dx` = dL/dx of the first `columns` inputs, given dL/dy.
-    pub fn backward_input(&self, parameters: &[f32], dy: &[f32], columns: usize, dx: &mut [f32]) {
+    pub fn backward_input(
+        &self,
+        parameters: &[f32],
+        dy: &[f32],
+        columns: usize,
+        packed: &mut Packed,
+        dx: &mut [f32],
+    ) {
+        packed.pack(self.weights(parameters, columns).transposed());
         let rows = dy.len() / self.outputs;
-        let weights = Matrix::new(
+        let dy = Matrix::new(dy, rows, self.outputs, self.outputs);
+        dy.multiply(packed, 0, Out::replace(dx, columns));
+    }
+
+    fn weights<'a>(&self, parameters: &'a [f32], columns: usize) -> Matrix<'a> {
+        Matrix::new(
             self.rows(parameters, 0),
             columns,
             self.outputs,
             self.outputs,
-        );
-        let dy = Matrix::new(dy, rows, self.outputs, self.outputs);
-        dy.multiply_into(weights.transposed(), dx, columns);
+        )
     }
 }
 

@@ -2,7 +2,7 @@ use pulp::NullaryFnOnce;
 use rand::Rng;
 
 use super::activation::{sigmoid, tanh};
-use super::{Layout, Matrix, Sequences, fill_uniform};
+use super::{Layout, Matrix, Out, Packed, Sequences, fill_uniform};
 
 /// A long short-term memory over a batch of sequences; its result is the last hidden state.
 ///
@@ -36,8 +36,6 @@ pub struct LstmBuffers {
     /// dL/dh and dL/dc of each sequence.
     hidden_gradient: Vec<f32>,
     cell_gradient: Vec<f32>,
-    /// The hidden units' rows of W, transposed.
-    turned: Vec<f32>,
 }
 
 impl LstmBuffers {
@@ -51,7 +49,6 @@ impl LstmBuffers {
             squashed: vec![0.0; rows * steps * hidden],
             hidden_gradient: vec![0.0; rows * hidden],
             cell_gradient: vec![0.0; rows * hidden],
-            turned: vec![0.0; 4 * hidden * hidden],
         }
     }
 }
@@ -92,11 +89,13 @@ impl Lstm {
         parameters: &[f32],
         sequences: &Sequences,
         buffers: &mut LstmBuffers,
+        packed: &mut Packed,
         last: &mut [f32],
         stride: usize,
     ) {
         let (hidden, width, four) = (self.hidden, self.width(), 4 * self.hidden);
         let weights = self.weights(parameters);
+        packed.pack(Matrix::new(weights, width, four, four));
         for row in last.chunks_mut(stride) {
             row[..hidden].fill(0.0);
         }
@@ -120,10 +119,10 @@ impl Lstm {
             let skipped = if before == 0 { hidden } else { 0 };
             let read = width - skipped;
             let joined = joined.get(skipped..).unwrap_or_default();
-            Matrix::new(joined, rows.len(), read, width).multiply_into(
-                Matrix::new(&weights[skipped * four..], read, four, four),
-                gates,
-                four,
+            Matrix::new(joined, rows.len(), read, width).multiply(
+                packed,
+                skipped,
+                Out::replace(gates, four),
             );
             let (past, now) = buffers.cells.split_at_mut(rows.start * hidden);
             let is_last = t + 1 == steps;
@@ -146,6 +145,7 @@ impl Lstm {
         parameters: &[f32],
         sequences: &Sequences,
         buffers: &mut LstmBuffers,
+        packed: &mut Packed,
         last_gradient: &[f32],
         stride: usize,
         gradient: &mut [f32],
@@ -158,10 +158,10 @@ impl Lstm {
             squashed,
             hidden_gradient,
             cell_gradient,
-            turned,
         } = buffers;
         let steps = sequences.steps();
-        transpose(self.weights(parameters), turned, hidden, four);
+        let of_hidden = Matrix::new(self.weights(parameters), hidden, four, four);
+        packed.pack(of_hidden.transposed());
         cell_gradient.fill(0.0);
         for (row, given) in hidden_gradient
             .chunks_exact_mut(hidden)
@@ -184,27 +184,30 @@ impl Lstm {
                 cell_gradient,
             });
             let through = &mut hidden_gradient[..before.len() * hidden];
-            let turned = Matrix::new(turned, four, hidden, hidden);
-            Matrix::new(gates, before.len(), four, four).multiply_into(turned, through, hidden);
+            Matrix::new(gates, before.len(), four, four).multiply(
+                packed,
+                0,
+                Out::replace(through, hidden),
+            );
         }
         // The hidden units' rows of the gradient, over the rows where h is not zero; the others'.
         let (of_hidden, of_inputs) =
             gradient[self.weights..][..width * four].split_at_mut(hidden * four);
-        let packed = sequences.packed();
+        let total = sequences.packed();
         let later = (0..steps)
             .find(|&t| sequences.active(t) > 0)
-            .map_or(packed, |first| sequences.rows(first).end);
+            .map_or(total, |first| sequences.rows(first).end);
+        packed.pack(Matrix::new(gates, total, four, four));
         for (rows, cols, gradient) in [
-            (later..packed, 0..hidden, of_hidden),
-            (0..packed, hidden..width, of_inputs),
+            (later..total, 0..hidden, of_hidden),
+            (0..total, hidden..width, of_inputs),
         ] {
             let joined = joined
                 .get(rows.start * width + cols.start..)
                 .unwrap_or_default();
-            let gates = &gates[rows.start * four..rows.end * four];
             Matrix::new(joined, rows.len(), cols.len(), width)
                 .transposed()
-                .multiply_add(Matrix::new(gates, rows.len(), four, four), gradient, four);
+                .multiply(packed, rows.start, Out::add(gradient, four));
         }
     }
 }
@@ -326,20 +329,6 @@ fn step_back(
     }
 }
 
-/// `to` (cols x rows) is `from` (rows x cols) transposed, tile by tile.
-fn transpose(from: &[f32], to: &mut [f32], rows: usize, cols: usize) {
-    const TILE: usize = 16;
-    for first_row in (0..rows).step_by(TILE) {
-        for first_col in (0..cols).step_by(TILE) {
-            for col in first_col..(first_col + TILE).min(cols) {
-                for row in first_row..(first_row + TILE).min(rows) {
-                    to[col * rows + row] = from[row * cols + col];
-                }
-            }
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -396,9 +385,17 @@ mod tests {
         let stride = hidden + 2;
         let mut buffers = LstmBuffers::new(&lstm, given.len() + 1, steps);
         let mut last = vec![f32::NAN; (given.len() + 1) * stride];
+        let mut packed = Packed::default();
         let mut gradient = vec![0.0; layout.len()];
         for _ in 0..2 {
-            lstm.forward(&parameters, &sequences, &mut buffers, &mut last, stride);
+            lstm.forward(
+                &parameters,
+                &sequences,
+                &mut buffers,
+                &mut packed,
+                &mut last,
+                stride,
+            );
             let rows = last.chunks(stride).take(given.len());
             let found: Vec<f32> = rows.flat_map(|row| row[..hidden].to_vec()).collect();
             close(&found, &fixture["last"]);
@@ -411,6 +408,7 @@ mod tests {
                 &parameters,
                 &sequences,
                 &mut buffers,
+                &mut packed,
                 &factors,
                 hidden,
                 &mut gradient,

@@ -20,6 +20,8 @@ pub(super) struct Corridor {
     pub gate_is_open: bool,
     pub steps: usize,
     pub bad_reward_at: Option<usize>,
+    /// Whether the other agent's keeping its cell is worth one more.
+    pub pays_for_rest: bool,
 }
 
 impl Corridor {
@@ -37,6 +39,7 @@ impl Corridor {
             gate_is_open: false,
             steps: 0,
             bad_reward_at: None,
+            pays_for_rest: false,
         }
     }
 
@@ -97,7 +100,9 @@ impl Environment for Corridor {
         for agent in 0..2 {
             let cell = moved(self.cells[agent], actions[agent]).expect("a legal action");
             self.cells[agent] = cell;
-            outcome.rewards[agent] = REWARDS[cell];
+            let other_rests = actions[1 - agent] == Action::KeepLane;
+            let bonus = f32::from(u8::from(self.pays_for_rest && other_rests));
+            outcome.rewards[agent] = REWARDS[cell] + bonus;
         }
         self.gate_is_open = !self.gate_is_open;
         self.steps += 1;
@@ -247,6 +252,23 @@ fn the_critic_has_the_values_of_the_mapped_policy() {
             }
         }
     }
+}
+
+#[test]
+fn the_critic_knows_what_neighbours_do() {
+    let mut settings = settings(Algorithm::SafeActorCritic, Sharing::Shared);
+    settings.hyperparameters.discount = 0.0;
+    let mut corridor = Corridor::new();
+    corridor.pays_for_rest = true;
+    let mut trainer = Trainer::new(vec![corridor], settings).expect("a trainer");
+    for _ in 0..300 {
+        trainer.train_round().expect("a round");
+    }
+    let mut situations = Situations::new(Corridor::SHAPE);
+    Corridor::new().tell(&mut situations);
+    let value = |action| trainer.critic_values(&situations.get(0), &[Some(action)])[0];
+    let gain = value(Action::KeepLane) - value(Action::ChangeRight);
+    assert!((gain - 1.0).abs() < 0.2, "{gain}");
 }
 
 #[test]
