@@ -95,51 +95,71 @@ pub struct Packed {
 impl Packed {
     /// Takes up `matrix`, in the place of the one before. Allocates only to grow.
     pub fn pack(&mut self, matrix: Matrix<'_>) {
-        let width = Arch::new().dispatch(PanelWidth);
+        Arch::new().dispatch(Packing {
+            matrix,
+            packed: self,
+        });
+    }
+}
+
+struct Packing<'a> {
+    matrix: Matrix<'a>,
+    packed: &'a mut Packed,
+}
+
+impl WithSimd for Packing<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { matrix, packed } = self;
         let Matrix {
-            rows, cols, stride, ..
+            data,
+            rows,
+            cols,
+            stride,
+            ..
         } = matrix;
-        (self.rows, self.cols) = (rows, cols);
+        let width = 2 * S::F32_LANES;
+        (packed.rows, packed.cols) = (rows, cols);
         let len = rows * cols.div_ceil(width) * width;
-        if self.data.len() < len {
-            self.data.resize(len, 0.0);
+        if packed.data.len() < len {
+            packed.data.resize(len, 0.0);
         }
         if rows == 0 {
             return;
         }
-        for (index, panel) in self.data[..len].chunks_exact_mut(rows * width).enumerate() {
+        for (index, panel) in packed.data[..len]
+            .chunks_exact_mut(rows * width)
+            .enumerate()
+        {
             let first = index * width;
             let filled = width.min(cols - first);
             if matrix.is_transposed {
                 // Column by column of the panel, in short runs, so that both sides stay cached.
                 for from in (0..rows).step_by(16) {
                     for col in 0..filled {
-                        let run = &matrix.data[(first + col) * stride..][from..rows.min(from + 16)];
-                        for (row, &value) in run.iter().enumerate() {
-                            panel[(from + row) * width + col] = value;
-                        }
+                        let run = &data[(first + col) * stride..][from..rows.min(from + 16)];
+                        let to = panel[from * width + col..].iter_mut().step_by(width);
+                        to.zip(run).for_each(|(to, &value)| *to = value);
                     }
+                }
+            } else if filled == width {
+                let panel = S::as_mut_simd_f32s(panel).0;
+                for (row, to) in panel.chunks_exact_mut(2).enumerate() {
+                    let from = S::as_simd_f32s(&data[row * stride + first..][..width]).0;
+                    (to[0], to[1]) = (from[0], from[1]);
                 }
             } else {
                 for (row, to) in panel.chunks_exact_mut(width).enumerate() {
-                    to[..filled].copy_from_slice(&matrix.data[row * stride + first..][..filled]);
+                    to[..filled].copy_from_slice(&data[row * stride + first..][..filled]);
                 }
             }
-            for row in panel.chunks_exact_mut(width) {
-                row[filled..].fill(0.0);
+            if filled < width {
+                let rows = panel.chunks_exact_mut(width);
+                rows.for_each(|row| row[filled..].fill(0.0));
             }
         }
-    }
-}
-
-struct PanelWidth;
-
-impl WithSimd for PanelWidth {
-    type Output = usize;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> usize {
-        2 * S::F32_LANES
     }
 }
 
@@ -195,7 +215,7 @@ impl WithSimd for Product<'_> {
                 };
                 for (index, col) in (0..right.cols).step_by(width).enumerate() {
                     let from = (index * right.rows + first + block) * width;
-                    let tile = Tile {
+                    let tile = Tile::<S> {
                         a,
                         a_stride,
                         panel: S::as_simd_f32s(&right.data[from..][..depth * width]).0,
@@ -225,22 +245,19 @@ impl WithSimd for Product<'_> {
 }
 
 /// A part of a product: a few rows by one panel over one block.
-struct Tile<'a, V> {
+struct Tile<'a, S: Simd> {
     a: &'a [f32],
     a_stride: usize,
-    panel: &'a [V],
+    panel: &'a [S::f32s],
     out: &'a mut [f32],
     out_stride: usize,
     cols: usize,
     adds: bool,
 }
 
-impl<V> Tile<'_, V> {
+impl<S: Simd> Tile<'_, S> {
     #[inline(always)]
-    fn multiply<const ROWS: usize>(self, simd: impl Simd<f32s = V>, depth: usize)
-    where
-        V: Copy,
-    {
+    fn multiply<const ROWS: usize>(self, simd: S, depth: usize) {
         let rows: [&[f32]; ROWS] = std::array::from_fn(|i| &self.a[i * self.a_stride..][..depth]);
         let panel = &self.panel[..2 * depth];
         let mut sums = [[simd.splat_f32s(0.0); 2]; ROWS];
@@ -254,8 +271,18 @@ impl<V> Tile<'_, V> {
         }
         for (i, sums) in sums.into_iter().enumerate() {
             let row = &mut self.out[i * self.out_stride..][..self.cols];
-            let lanes = size_of::<V>() / size_of::<f32>();
-            let (left, right) = row.split_at_mut(lanes.min(self.cols));
+            if self.cols == 2 * S::F32_LANES {
+                let row = S::as_mut_simd_f32s(row).0;
+                for (to, sum) in row.iter_mut().zip(sums) {
+                    *to = if self.adds {
+                        simd.add_f32s(*to, sum)
+                    } else {
+                        sum
+                    };
+                }
+                continue;
+            }
+            let (left, right) = row.split_at_mut(S::F32_LANES.min(self.cols));
             for (to, sum) in [left, right].into_iter().zip(sums) {
                 if to.is_empty() {
                     continue;
