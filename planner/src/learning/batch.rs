@@ -129,6 +129,7 @@ pub(super) fn write_one_hot(place: u8, to: &mut [f32]) {
 }
 
 #[cfg(test)]
+#[allow(clippy::float_cmp)] // these numbers are exact
 mod tests {
     use super::*;
 

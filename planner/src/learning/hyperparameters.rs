@@ -171,6 +171,7 @@ impl Hyperparameters {
 }
 
 #[cfg(test)]
+#[allow(clippy::float_cmp)] // these numbers are exact
 mod tests {
     use super::*;
 

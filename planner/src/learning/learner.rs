@@ -2,7 +2,7 @@ use covista_world::Action;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::batch::{Batch, BatchShape};
+use super::batch::BatchShape;
 use super::network::{Buffers, Network};
 use super::nn::{Adam, clip_to_norm, norm, soft_update};
 use super::policy_distribution::{any_of, mapped_best, mapped_distribution, objective_gradient};
@@ -287,7 +287,11 @@ impl Learner {
 
     /// The critic's values of every own action in the situations of `batch`.
     #[cfg(test)]
-    pub fn values<'a>(&self, batch: &Batch, workspace: &'a mut Workspace) -> &'a [f32] {
+    pub fn values<'a>(
+        &self,
+        batch: &super::batch::Batch,
+        workspace: &'a mut Workspace,
+    ) -> &'a [f32] {
         self.critic
             .network
             .forward(&self.critic.weights, batch, &mut workspace.critic)

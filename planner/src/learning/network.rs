@@ -161,7 +161,6 @@ impl Network {
                     parameters,
                     &batch.neighbours,
                     &mut buffers.lstm,
-                    packed,
                     joined,
                     width,
                 );
@@ -267,7 +266,6 @@ impl Network {
                 parameters,
                 &batch.neighbours,
                 &mut buffers.lstm,
-                packed,
                 joined_gradient,
                 trunk,
                 gradient,

@@ -66,6 +66,7 @@ pub(super) fn objective_gradient(
 }
 
 #[cfg(test)]
+#[allow(clippy::float_cmp)] // these numbers are exact
 mod tests {
     use super::*;
     use Action::{ChangeLeft, ChangeRight, EmergencyStop, KeepLane};

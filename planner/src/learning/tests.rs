@@ -1,5 +1,6 @@
 mod allocation;
 mod checkpoints;
 mod corridor;
+mod features;
 mod gradients;
 mod replay;

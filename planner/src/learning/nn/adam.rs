@@ -146,6 +146,7 @@ pub fn clip_to_norm(gradient: &mut [f32], limit: f32) -> f32 {
 }
 
 #[cfg(test)]
+#[allow(clippy::float_cmp)] // these numbers are exact
 mod tests {
     use super::*;
 

@@ -36,6 +36,7 @@ pub struct LstmBuffers {
     /// dL/dh and dL/dc of each sequence.
     hidden_gradient: Vec<f32>,
     cell_gradient: Vec<f32>,
+    packed: Packed,
 }
 
 impl LstmBuffers {
@@ -49,6 +50,7 @@ impl LstmBuffers {
             squashed: vec![0.0; rows * steps * hidden],
             hidden_gradient: vec![0.0; rows * hidden],
             cell_gradient: vec![0.0; rows * hidden],
+            packed: Packed::default(),
         }
     }
 }
@@ -89,13 +91,12 @@ impl Lstm {
         parameters: &[f32],
         sequences: &Sequences,
         buffers: &mut LstmBuffers,
-        packed: &mut Packed,
         last: &mut [f32],
         stride: usize,
     ) {
         let (hidden, width, four) = (self.hidden, self.width(), 4 * self.hidden);
         let weights = self.weights(parameters);
-        packed.pack(Matrix::new(weights, width, four, four));
+        buffers.packed.pack(Matrix::new(weights, width, four, four));
         for row in last.chunks_mut(stride) {
             row[..hidden].fill(0.0);
         }
@@ -120,7 +121,7 @@ impl Lstm {
             let read = width - skipped;
             let joined = joined.get(skipped..).unwrap_or_default();
             Matrix::new(joined, rows.len(), read, width).multiply(
-                packed,
+                &buffers.packed,
                 skipped,
                 Out::replace(gates, four),
             );
@@ -145,7 +146,6 @@ impl Lstm {
         parameters: &[f32],
         sequences: &Sequences,
         buffers: &mut LstmBuffers,
-        packed: &mut Packed,
         last_gradient: &[f32],
         stride: usize,
         gradient: &mut [f32],
@@ -158,6 +158,7 @@ impl Lstm {
             squashed,
             hidden_gradient,
             cell_gradient,
+            packed,
         } = buffers;
         let steps = sequences.steps();
         let of_hidden = Matrix::new(self.weights(parameters), hidden, four, four);
@@ -385,17 +386,9 @@ mod tests {
         let stride = hidden + 2;
         let mut buffers = LstmBuffers::new(&lstm, given.len() + 1, steps);
         let mut last = vec![f32::NAN; (given.len() + 1) * stride];
-        let mut packed = Packed::default();
         let mut gradient = vec![0.0; layout.len()];
         for _ in 0..2 {
-            lstm.forward(
-                &parameters,
-                &sequences,
-                &mut buffers,
-                &mut packed,
-                &mut last,
-                stride,
-            );
+            lstm.forward(&parameters, &sequences, &mut buffers, &mut last, stride);
             let rows = last.chunks(stride).take(given.len());
             let found: Vec<f32> = rows.flat_map(|row| row[..hidden].to_vec()).collect();
             close(&found, &fixture["last"]);
@@ -408,7 +401,6 @@ mod tests {
                 &parameters,
                 &sequences,
                 &mut buffers,
-                &mut packed,
                 &factors,
                 hidden,
                 &mut gradient,

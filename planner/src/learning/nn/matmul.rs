@@ -299,6 +299,7 @@ impl<S: Simd> Tile<'_, S> {
 }
 
 #[cfg(test)]
+#[allow(clippy::float_cmp)] // these numbers are exact
 mod tests {
     use super::*;
 

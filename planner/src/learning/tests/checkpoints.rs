@@ -67,7 +67,7 @@ fn bad_files_are_refused() {
         std::fs::write(&path, &bytes[..kept]).expect("written");
         assert!(problem(&path).contains("is damaged"), "{}", problem(&path));
     }
-    let mut poisoned = bytes.clone();
+    let mut poisoned = bytes;
     let end = poisoned.len() - 4;
     poisoned[end..].copy_from_slice(&f32::NAN.to_le_bytes());
     std::fs::write(&path, &poisoned).expect("written");

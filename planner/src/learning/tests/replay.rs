@@ -77,7 +77,7 @@ fn check_sample(replay: &ReplayBuffer, ends_at: Option<f32>) {
             }
             None => assert!(ends_at.is_some_and(|end| close(own + STEP, end)), "{own}"),
         }
-        if step % 3 > 0 {
+        if !step.is_multiple_of(3) {
             let last = minibatch.now.neighbours.steps() - 1;
             let (state, action) = {
                 let input = minibatch.now.neighbours.input_mut(last, row);
