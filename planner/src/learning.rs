@@ -23,6 +23,7 @@
 //! never does: otherwise CAVs would wait for each other.
 
 mod action_set;
+mod arena;
 mod batch;
 mod benchmark;
 mod checkpoint;
@@ -34,10 +35,14 @@ mod learned_policy;
 mod learner;
 mod network;
 mod nn;
+mod plan;
 mod policy_distribution;
 mod replay;
+mod report;
+mod seat;
 mod situations;
 mod trainer;
+mod training_settings;
 
 #[cfg(test)]
 mod tests;
@@ -54,7 +59,7 @@ pub use hyperparameters::Hyperparameters;
 pub use learned_policy::LearnedPolicy;
 pub use learner::Losses;
 pub use nn::AdamSettings;
+pub use report::{EpisodeReport, RoundReport, UpdateReport};
 pub use situations::{Situation, SituationMut, Situations};
-pub use trainer::{
-    Algorithm, EpisodeReport, RoundReport, Sharing, Trainer, TrainingSettings, UpdateReport, mixed,
-};
+pub use trainer::{Trainer, mixed};
+pub use training_settings::{Algorithm, Sharing, TrainingSettings};

@@ -5,7 +5,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::learner::{Learner, Workspace};
-use super::trainer::Plan;
+use super::plan::Plan;
 use super::{
     ActionSet, Algorithm, GLOBAL_FEATURES, Hyperparameters, LearningError, NEIGHBOUR_FEATURES,
     OWN_FEATURES, Options, Shape, Sharing, Situation, TrainingSettings,

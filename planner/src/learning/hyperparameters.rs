@@ -5,7 +5,11 @@ use super::nn::AdamSettings;
 
 /// The settings of Alg. 2.
 ///
-/// [`Hyperparameters::paper`] has the paper's table; the default differs where it says so.
+/// [`Hyperparameters::paper`] has the paper's table; the default differs where it says so. On the
+/// corridor of the tests (128 units, four seeds, 600 decisions) the default finds the best policy
+/// with every seed, the paper's learning rate with one: with the others the softmax is sure of a bad
+/// action before the critic knows better. The corridor does not tell apart gradients shortened to 10
+/// or left as they are.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Hyperparameters {
@@ -33,12 +37,12 @@ pub struct Hyperparameters {
     pub last_exploration: f32,
     /// Decisions of a learner over which the one becomes the other, linearly.
     pub exploration_decisions: u64,
-    /// What the actor gains by an undecided distribution, for each nat of its entropy. Paper: 0.
+    /// What the actor gains by an undecided distribution, for each nat of its entropy. Paper: 0;
+    /// default 0.01, which on the corridor is no worse and with one seed of four sooner.
     /// A softmax that is sure of itself has no gradient left; a little entropy keeps it able to
     /// change its mind.
     pub entropy_weight: f32,
-    /// Longest gradient of a network; longer ones are shortened. Paper: none (infinite is not
-    /// allowed in JSON, so a missing value stands for it).
+    /// Longest gradient of a network; longer ones are shortened. Paper and default: none.
     pub gradient_norm: Option<f32>,
     /// Updates of each learner after each decision. Alg. 2: 1.
     pub updates_per_decision: usize,
@@ -50,7 +54,6 @@ impl Default for Hyperparameters {
             critic_learning_rate: 1e-3,
             actor_learning_rate: 5e-4,
             entropy_weight: 0.01,
-            gradient_norm: Some(10.0),
             ..Self::paper()
         }
     }

@@ -5,7 +5,7 @@ use covista_world::StationId;
 use super::batch::{Batch, BatchShape};
 use super::checkpoint::Reader;
 use super::network::{Buffers, Network};
-use super::trainer::Plan;
+use super::plan::Plan;
 use super::{
     CHOICES, FeatureEncoder, LearningError, NEIGHBOUR_FEATURES, OWN_FEATURES, Shape, Situation,
     Situations,

@@ -223,7 +223,6 @@ fn every_algorithm_finds_the_best_policy() {
             let mut trainer = trained(algorithm, sharing, 120);
             let reward: f64 = (0..5).map(|seed| reward_of(&mut trainer, seed)).sum();
             let case = format!("{algorithm:?} {sharing:?}: {reward} of {best}");
-            eprintln!("{case}");
             assert!(reward > 0.99 * best, "{case}");
         }
     }
@@ -288,6 +287,25 @@ fn a_reward_that_is_no_number_ends_the_training() {
         ),
         "{error}"
     );
+}
+
+#[test]
+fn a_network_that_diverges_ends_the_training_as_it_was() {
+    let mut trainer = trained(Algorithm::SafeActorCritic, Sharing::Shared, 20);
+    trainer.poison();
+    let before = trainer.fingerprint();
+    let error = trainer.train_round().expect_err("refused");
+    assert!(
+        error
+            .to_string()
+            .starts_with("the critic's loss of learner 0 is not finite"),
+        "{error}"
+    );
+    assert_eq!(trainer.fingerprint(), before);
+    let folder = tempfile::tempdir().expect("a folder");
+    trainer
+        .save(&folder.path().join("diverged.safetensors"))
+        .expect("saved to look at");
 }
 
 #[test]

@@ -1,0 +1,61 @@
+use serde::{Deserialize, Serialize};
+
+use super::Hyperparameters;
+
+/// What learns.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Algorithm {
+    /// Alg. 2: truncated critic, safe action mapping.
+    SafeActorCritic,
+    /// The baseline: a critic of the global state and the joint action, any legal action.
+    Maddpg,
+    /// The same with the safe action mapping.
+    MaddpgMapped,
+}
+
+impl Algorithm {
+    /// Whether only safe actions are executed.
+    pub fn is_mapped(self) -> bool {
+        self != Self::Maddpg
+    }
+
+    pub(super) fn is_central(self) -> bool {
+        self != Self::SafeActorCritic
+    }
+}
+
+/// Who learns.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Sharing {
+    /// Each agent has networks and a buffer of its own, as in Alg. 2.
+    Independent,
+    /// All agents use and train the same networks.
+    Shared,
+}
+
+/// What to train and how.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TrainingSettings {
+    /// What learns.
+    pub algorithm: Algorithm,
+    /// Who learns.
+    pub sharing: Sharing,
+    /// How it learns.
+    pub hyperparameters: Hyperparameters,
+    /// Of all random numbers.
+    pub seed: u64,
+}
+
+impl Default for TrainingSettings {
+    fn default() -> Self {
+        Self {
+            algorithm: Algorithm::SafeActorCritic,
+            sharing: Sharing::Independent,
+            hyperparameters: Hyperparameters::default(),
+            seed: 0,
+        }
+    }
+}
