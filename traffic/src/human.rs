@@ -15,18 +15,40 @@ const LANE_CHANGE_MIN_M: f64 = 10.0;
 const PULL_OUT_GAP_M: f64 = 3.5;
 /// Extra room kept behind a standing vehicle, to be able to pull out.
 const PULL_OUT_ROOM_M: f64 = 6.0;
+/// Whoever is slower counts as standing.
+const STANDING_MPS: f64 = 0.5;
 /// Jam distance to what is being pulled out from behind.
 const CHANGING_GAP_M: f64 = 0.5;
-/// A leader below this share of the desired speed holds a driver up clearly.
-const HELD_UP_SHARE: f64 = 0.35;
 /// Gain in acceleration that is worth a lane change (MOBIL's threshold).
 const GAIN_MPS2: f64 = 0.3;
 /// The hardest braking a lane change may ask of the follower or of oneself (MOBIL's safety).
 const SAFE_BRAKING_MPS2: f64 = 2.5;
 const SIDE_GAP_M: f64 = 1.0;
 
-/// The strip of road a vehicle covers, or is about to cover, in Frenet coordinates.
+/// When a driver looks for another lane.
 #[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Habit {
+    /// A leader below this share of the desired speed holds the driver up.
+    held_up_share: f64,
+    /// How much the new follower's loss in acceleration counts against the own gain (MOBIL's p).
+    politeness: f64,
+}
+
+impl Habit {
+    /// Keeps the lane unless it is blocked or nearly so.
+    pub const KEEPS_LANE: Self = Self {
+        held_up_share: 0.35,
+        politeness: 0.0,
+    };
+    /// Passes whoever is slower, by MOBIL.
+    pub const PASSES: Self = Self {
+        held_up_share: 1.0,
+        politeness: 0.3,
+    };
+}
+
+/// The strip of road a vehicle covers, or is about to cover, in Frenet coordinates.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Strip {
     pub rear_m: f64,
     pub front_m: f64,
@@ -37,7 +59,7 @@ pub(crate) struct Strip {
 }
 
 /// An interval of the offset d.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Across {
     pub right_m: f64,
     pub left_m: f64,
@@ -58,7 +80,7 @@ impl Across {
         }
     }
 
-    fn overlaps(self, other: Self) -> bool {
+    pub fn overlaps(self, other: Self) -> bool {
         self.right_m < other.left_m && other.right_m < self.left_m
     }
 }
@@ -76,6 +98,7 @@ struct LaneChange {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct HumanDriver {
     idm: Idm,
+    habit: Habit,
     lane: LaneIndex,
     change: Option<LaneChange>,
     half_width_m: f64,
@@ -83,9 +106,10 @@ pub(crate) struct HumanDriver {
 }
 
 impl HumanDriver {
-    pub fn new(idm: Idm, lane: LaneIndex, width_m: f64) -> Self {
+    pub fn new(idm: Idm, habit: Habit, lane: LaneIndex, width_m: f64) -> Self {
         Self {
             idm,
+            habit,
             lane,
             change: None,
             half_width_m: width_m / 2.0,
@@ -103,31 +127,35 @@ impl HumanDriver {
         Across::around(road.lane_center_m(lane), self.half_width_m + SIDE_ROOM_M)
     }
 
-    /// Decides on acceleration and lane, from the own strip and those of the vehicles in sight.
-    pub fn decide(&mut self, own: &Strip, seen: &[Strip], d_m: f64, road: &Road) {
+    /// Decides on acceleration and lane, from the own strip and those of the vehicles in sight;
+    /// gives which of these the driver follows.
+    pub fn decide(&mut self, own: &Strip, seen: &[Strip], d_m: f64, road: &Road) -> Option<usize> {
         let target = self.lane_change().unwrap_or(self.lane);
         let corridor = self.swath(target, road).union(own.front_across);
-        let leader = leader(own, seen, corridor);
-        let mut keeping = self.idm;
-        if leader.is_some_and(|leader| leader.speed_mps < 0.5) {
-            keeping.jam_distance_m += PULL_OUT_ROOM_M;
+        let followed = leader(own, seen, corridor);
+        let ahead = followed.map(|(_, ahead)| ahead);
+        self.follow(own.speed_mps, ahead);
+        if self.change.is_none() && self.is_held_up(ahead) {
+            self.change = self.best_change(own, seen, ahead, d_m, road);
+            self.follow(own.speed_mps, ahead);
         }
-        self.accel_mps2 = keeping.acceleration(own.speed_mps, leader);
-        if self.change.is_none() && self.is_held_up(leader) {
-            self.change = self.best_change(own, seen, leader, d_m, road);
-        }
+        followed.map(|(index, _)| index)
+    }
+
+    /// Decides on the acceleration alone, behind whoever is `ahead`.
+    pub fn follow(&mut self, speed_mps: f64, ahead: Option<Ahead>) {
+        let mut idm = self.idm;
         if self.change.is_some() {
-            let changing = Idm {
-                jam_distance_m: CHANGING_GAP_M,
-                ..self.idm
-            };
-            self.accel_mps2 = changing.acceleration(own.speed_mps, leader);
+            idm.jam_distance_m = CHANGING_GAP_M;
+        } else if ahead.is_some_and(|leader| leader.speed_mps < STANDING_MPS) {
+            idm.jam_distance_m += PULL_OUT_ROOM_M;
         }
+        self.accel_mps2 = idm.acceleration(speed_mps, ahead);
     }
 
     fn is_held_up(&self, leader: Option<Ahead>) -> bool {
         leader.is_some_and(|leader| {
-            leader.speed_mps < HELD_UP_SHARE * self.idm.desired_speed_mps
+            leader.speed_mps < self.habit.held_up_share * self.idm.desired_speed_mps
                 && leader.gap_m > PULL_OUT_GAP_M
         })
     }
@@ -143,14 +171,16 @@ impl HumanDriver {
     ) -> Option<LaneChange> {
         let gain = |lane: LaneIndex| {
             let swath = self.swath(lane, road);
-            let ahead = leader(own, seen, swath);
+            let ahead = leader(own, seen, swath).map(|(_, ahead)| ahead);
             let then = self.idm.acceleration(own.speed_mps, ahead);
             let faster = ahead.map_or(f64::INFINITY, |leader| leader.speed_mps)
                 > held_by.map_or(0.0, |leader| leader.speed_mps) + 1.0;
             let safe = then > -SAFE_BRAKING_MPS2
                 && ahead.is_none_or(|leader| leader.gap_m > SIDE_GAP_M)
                 && self.follower_is_safe(own, seen, swath);
-            (safe && faster && then > self.accel_mps2 + GAIN_MPS2).then_some((lane, then))
+            let courtesy = self.habit.politeness * self.loss_of_follower(own, seen, swath);
+            let worth = then > self.accel_mps2 + GAIN_MPS2 + courtesy;
+            (safe && faster && worth).then_some((lane, then - courtesy))
         };
         let (target, _) = [self.lane.left(), self.lane.right()]
             .into_iter()
@@ -165,6 +195,24 @@ impl HumanDriver {
                 .min(room_m)
                 .max(LANE_CHANGE_MIN_M),
             travelled_m: 0.0,
+        })
+    }
+
+    /// What the nearest follower in `swath` would lose in acceleration, taken to drive as this
+    /// driver does.
+    fn loss_of_follower(&self, own: &Strip, seen: &[Strip], swath: Across) -> f64 {
+        let follower = seen
+            .iter()
+            .filter(|other| other.front_m <= own.front_m && other.across.overlaps(swath))
+            .max_by(|a, b| a.front_m.total_cmp(&b.front_m));
+        follower.map_or(0.0, |follower| {
+            let now = leader(follower, seen, swath).map(|(_, ahead)| ahead);
+            let then = Ahead {
+                gap_m: own.rear_m - follower.front_m,
+                speed_mps: own.speed_mps,
+            };
+            let accel = |ahead| self.idm.acceleration(follower.speed_mps, ahead);
+            (accel(now) - accel(Some(then))).max(0.0)
         })
     }
 
@@ -226,13 +274,17 @@ impl HumanDriver {
     }
 }
 
-/// The nearest vehicle ahead that overlaps `corridor`.
-fn leader(own: &Strip, seen: &[Strip], corridor: Across) -> Option<Ahead> {
+/// The nearest vehicle ahead that overlaps `corridor`, and which one it is.
+pub(crate) fn leader(own: &Strip, seen: &[Strip], corridor: Across) -> Option<(usize, Ahead)> {
     seen.iter()
-        .filter(|other| other.front_m > own.front_m && other.across.overlaps(corridor))
-        .map(|other| Ahead {
-            gap_m: other.rear_m - own.front_m,
-            speed_mps: other.speed_mps,
+        .enumerate()
+        .filter(|(_, other)| other.front_m > own.front_m && other.across.overlaps(corridor))
+        .map(|(index, other)| {
+            let ahead = Ahead {
+                gap_m: other.rear_m - own.front_m,
+                speed_mps: other.speed_mps,
+            };
+            (index, ahead)
         })
-        .min_by(|a, b| a.gap_m.total_cmp(&b.gap_m))
+        .min_by(|(_, a), (_, b)| a.gap_m.total_cmp(&b.gap_m))
 }

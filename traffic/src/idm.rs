@@ -40,15 +40,32 @@ impl Idm {
 
     /// A driver of their own: every parameter within 15 %, the desired speed within 4 %.
     pub fn draw(desired_speed_mps: f64, rng: &mut impl Rng) -> Self {
+        Self::draw_within(desired_speed_mps, 0.04, 0.15, rng)
+    }
+
+    /// A driver of their own: the desired speed within the first of these shares of the mean,
+    /// every other parameter within the second.
+    pub fn draw_within(
+        desired_speed_mps: f64,
+        speed_spread: f64,
+        spread: f64,
+        rng: &mut impl Rng,
+    ) -> Self {
         let mean = Self::treiber2000(desired_speed_mps);
-        let mut spread =
-            |value: f64, share: f64| value * rng.random_range(1.0 - share..1.0 + share);
+        let mut draw = |value: f64, share: f64| {
+            let shares = 1.0 - share..1.0 + share;
+            if shares.is_empty() {
+                value
+            } else {
+                value * rng.random_range(shares)
+            }
+        };
         Self {
-            desired_speed_mps: spread(mean.desired_speed_mps, 0.04),
-            time_headway_s: spread(mean.time_headway_s, 0.15),
-            accel_max_mps2: spread(mean.accel_max_mps2, 0.15),
-            comfortable_braking_mps2: spread(mean.comfortable_braking_mps2, 0.15),
-            jam_distance_m: spread(mean.jam_distance_m, 0.15),
+            desired_speed_mps: draw(mean.desired_speed_mps, speed_spread),
+            time_headway_s: draw(mean.time_headway_s, spread),
+            accel_max_mps2: draw(mean.accel_max_mps2, spread),
+            comfortable_braking_mps2: draw(mean.comfortable_braking_mps2, spread),
+            jam_distance_m: draw(mean.jam_distance_m, spread),
         }
     }
 
@@ -60,6 +77,22 @@ impl Idm {
             (desired_gap_m / leader.gap_m.max(0.1)).powi(2)
         });
         (self.accel_max_mps2 * (free - interaction)).clamp(-BRAKING_MAX_MPS2, self.accel_max_mps2)
+    }
+
+    /// The speed at which a driver follows a leader of the same speed at this gap: the root of
+    /// gap = (s0 + v T) / sqrt(1 - (v / v0)^4), from below.
+    pub fn equilibrium_speed_mps(&self, gap_m: f64) -> f64 {
+        let (mut low, mut high) = (0.0, self.desired_speed_mps);
+        for _ in 0..60 {
+            let speed_mps = 0.5 * (low + high);
+            let free = 1.0 - (speed_mps / self.desired_speed_mps).powi(4);
+            if self.desired_gap_m(speed_mps, 0.0) < gap_m * free.sqrt() {
+                low = speed_mps;
+            } else {
+                high = speed_mps;
+            }
+        }
+        low
     }
 
     /// The gap s* a driver wants at this speed and closing speed.

@@ -9,8 +9,10 @@ mod body;
 mod footprint;
 mod human;
 mod idm;
+mod loop_road;
 mod markings;
 mod model;
+mod ring;
 mod sample;
 mod scenario;
 mod scenario_error;
@@ -24,8 +26,12 @@ mod terrain;
 pub use body::{Body, ConvexPart, Material};
 pub use footprint::Footprint;
 pub use idm::{Ahead, Idm};
+pub use loop_road::LoopRoad;
 pub use markings::{MarkStyle, PaintColor, RoadMarkings};
 pub use model::VehicleModel;
+pub use ring::{
+    Ring, RingError, RingImage, RingReport, RingSettings, RingVehicle, SAFE_DISTANCE_M,
+};
 pub use sample::{SampledScene, SceneKind, sample_scene};
 pub use scenario::{
     BarrierEntry, BuildingEntry, DrivenEntry, LookEntry, ObstacleEntry, PolesEntry,

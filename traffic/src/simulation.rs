@@ -11,7 +11,7 @@ use rand_chacha::ChaCha8Rng;
 use crate::{
     ACCEL_MAX_MPS2, BRAKING_MAX_MPS2, Body, Footprint, RoadMarkings, Scenario, ScenarioError,
     Scene, SceneLook, SceneVehicle, TAN_DELTA_MAX, VehicleId, VehicleModel,
-    human::{Across, HumanDriver, Strip},
+    human::{Across, Habit, HumanDriver, Strip},
     idm::Idm,
     sample::{draw_model, draw_paint},
     scenario::{Start, VehicleKind},
@@ -269,7 +269,8 @@ impl Traffic {
     }
 }
 
-fn within_limits(input: ControlInput) -> ControlInput {
+/// What the plant's actuators make of an input.
+pub(crate) fn within_limits(input: ControlInput) -> ControlInput {
     if !(input.tan_delta.is_finite() && input.accel_mps2.is_finite()) {
         return ControlInput {
             tan_delta: 0.0,
@@ -295,7 +296,12 @@ fn place(road: &Road, id: VehicleId, start: &Start, rng: &mut ChaCha8Rng) -> Tra
     let d_m = road.lane_center_m(start.lane);
     let driver = (start.kind == VehicleKind::Human).then(|| {
         let idm = Idm::draw(start.desired_speed_mps, rng);
-        HumanDriver::new(idm, start.lane, model.dimensions().width_m)
+        HumanDriver::new(
+            idm,
+            Habit::KEEPS_LANE,
+            start.lane,
+            model.dimensions().width_m,
+        )
     });
     let pose = road.pose_from_frenet(s_m, d_m, 0.0);
     TrafficVehicle {

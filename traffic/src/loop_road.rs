@@ -1,0 +1,202 @@
+use std::{f64::consts::FRAC_PI_2, sync::Arc};
+
+use covista_world::{LANE_COUNT, Road, RoadSegment, Se2Pose};
+
+use crate::RingError;
+
+/// No corner is tighter.
+const RADIUS_MIN_M: f64 = 60.0;
+/// At the inner edge of a corner the speed limit takes this acceleration across, with some
+/// curvature to spare: within it no curve slows anybody down, no CAV either (`docs/safety.md`).
+const LATERAL_ACCEL_MPS2: f64 = 4.0;
+const SPARE_CURVATURE_PER_M: f64 = 0.003;
+const CLOTHOID_M: f64 = 40.0;
+/// A period has a corner to the left and one to the right for each of these.
+const PAIR_OF_CORNERS_M: f64 = 1000.0;
+/// Share of a short period that may be corners.
+const CORNER_SHARE: f64 = 0.9;
+const LANE_WIDTH_M: f64 = 3.5;
+/// Road ahead of the last vehicle, to look at.
+const AHEAD_M: f64 = 500.0;
+const PERIOD_MIN_M: f64 = 80.0;
+const PERIOD_MAX_M: f64 = 200_000.0;
+
+/// A loop of three lanes, as an endless road whose shape repeats with its length.
+///
+/// In Frenet coordinates this is a loop: a vehicle at s has images at s plus any number of periods,
+/// and whoever looks at it sees the one nearest to themselves. In the plane it does not bite its
+/// tail, so that a position belongs to one lap only. Corners to the left and to the right take
+/// turns; each is a clothoid, an arc and a clothoid.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LoopRoad {
+    road: Arc<Road>,
+    period_m: f64,
+    corner: Corner,
+}
+
+/// A corner in the middle of a stretch of road; its curvature over s is a trapezium.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Corner {
+    /// From the middle of one corner to that of the next, which turns the other way.
+    stretch_m: f64,
+    clothoid_m: f64,
+    arc_m: f64,
+    sharpest_per_m: f64,
+}
+
+impl LoopRoad {
+    /// A loop of `period_m` whose corners can be driven at `limit_mps`, unrolled for whoever
+    /// starts in lap 1 and drives `way_m`.
+    ///
+    /// # Errors
+    /// When the loop is shorter than 80 m or longer than 200 km.
+    pub fn new(period_m: f64, limit_mps: f64, way_m: f64) -> Result<Self, RingError> {
+        if !(PERIOD_MIN_M..=PERIOD_MAX_M).contains(&period_m) {
+            return Err(RingError::Period {
+                period_m,
+                least_m: PERIOD_MIN_M,
+                most_m: PERIOD_MAX_M,
+            });
+        }
+        let pairs = (period_m / PAIR_OF_CORNERS_M).ceil();
+        let corner = Corner::fitting(period_m / (2.0 * pairs), radius_m(limit_mps));
+        let laps = 2.0 + ((way_m + AHEAD_M) / period_m).ceil();
+        let pair = [1.0, -1.0].map(|side| corner.segments(side)).concat();
+        let segments = pair.repeat((laps * pairs) as usize);
+        let road = Road::new(Se2Pose::default(), &segments, LANE_WIDTH_M)?;
+        Ok(Self {
+            road: Arc::new(road),
+            period_m,
+            corner,
+        })
+    }
+
+    /// The road, as many laps as were asked for.
+    pub fn road(&self) -> &Arc<Road> {
+        &self.road
+    }
+
+    /// The length of the loop in metres.
+    pub fn period_m(&self) -> f64 {
+        self.period_m
+    }
+
+    /// Curvature in 1/m of the reference line of the endless road at `s_m`, positive to the left.
+    pub fn curvature(&self, s_m: f64) -> f64 {
+        let stretch = (s_m / self.corner.stretch_m).floor();
+        let from_middle_m = s_m - (stretch + 0.5) * self.corner.stretch_m;
+        let side = 1.0 - 2.0 * (stretch - 2.0 * (stretch / 2.0).floor());
+        side * self.corner.curvature(from_middle_m)
+    }
+
+    /// The number of laps from `s_m` to its image nearest to `near_s_m`.
+    pub fn laps_to(&self, s_m: f64, near_s_m: f64) -> f64 {
+        ((near_s_m - s_m) / self.period_m).round()
+    }
+}
+
+/// Radius of corners for a speed limit.
+fn radius_m(limit_mps: f64) -> f64 {
+    let sharpest = LATERAL_ACCEL_MPS2 / limit_mps.powi(2) - SPARE_CURVATURE_PER_M;
+    let half_width_m = LANE_WIDTH_M * f64::from(LANE_COUNT) / 2.0;
+    RADIUS_MIN_M.max(1.0 / sharpest + half_width_m)
+}
+
+impl Corner {
+    /// A quarter of a turn where there is room, else a wiggle.
+    fn fitting(stretch_m: f64, radius_m: f64) -> Self {
+        let quarter_m = radius_m * FRAC_PI_2 + CLOTHOID_M;
+        let length_m = quarter_m.min(CORNER_SHARE * stretch_m);
+        let clothoid_m = CLOTHOID_M.min(length_m / 4.0);
+        Self {
+            stretch_m,
+            clothoid_m,
+            arc_m: length_m - 2.0 * clothoid_m,
+            sharpest_per_m: 1.0 / radius_m,
+        }
+    }
+
+    fn curvature(&self, from_middle_m: f64) -> f64 {
+        let inside_m = self.arc_m / 2.0 + self.clothoid_m - from_middle_m.abs();
+        (inside_m / self.clothoid_m).clamp(0.0, 1.0) * self.sharpest_per_m
+    }
+
+    /// The stretch with the corner in its middle, to the left (1) or to the right (-1).
+    fn segments(&self, side: f64) -> [RoadSegment; 5] {
+        let sharpest = side * self.sharpest_per_m;
+        let straight = RoadSegment::Straight {
+            length_m: (self.stretch_m - self.arc_m) / 2.0 - self.clothoid_m,
+        };
+        let clothoid = |from_per_m, to_per_m| RoadSegment::Clothoid {
+            length_m: self.clothoid_m,
+            from_per_m,
+            to_per_m,
+        };
+        let arc = RoadSegment::Arc {
+            length_m: self.arc_m,
+            curvature_per_m: sharpest,
+        };
+        [
+            straight,
+            clothoid(0.0, sharpest),
+            arc,
+            clothoid(sharpest, 0.0),
+            straight,
+        ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_road_has_the_curvature_of_the_loop_and_repeats() {
+        for period_m in [80.0, 205.6, 308.3, 616.7, 1850.0, 5000.0] {
+            let turns = LoopRoad::new(period_m, 20.0, 1000.0).expect("a loop");
+            let road = turns.road();
+            assert!(road.length_m() >= 1500.0 + period_m);
+            for i in 0..2000 {
+                let s_m = (road.length_m() - 1.0) * f64::from(i) / 2000.0;
+                let error = turns.curvature(s_m) - road.curvature(s_m);
+                assert!(error.abs() < 1e-9, "{period_m} {s_m} {error}");
+                let repeats = turns.curvature(s_m + 3.0 * period_m) - turns.curvature(s_m);
+                assert!(repeats.abs() < 1e-9, "{period_m} {s_m} {repeats}");
+            }
+            // Left and right take turns: after a lap the road leads where it led before.
+            assert!(road.turn_rad(period_m, 2.0 * period_m).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn no_curve_slows_the_fastest_down() {
+        for limit_mps in [15.0, 20.0, 30.0, 35.0] {
+            let turns = LoopRoad::new(1850.0, limit_mps, 1000.0).expect("a loop");
+            let inner_edge = 1.0 / (1.0 / turns.road().sharpest_per_m() - 1.5 * LANE_WIDTH_M);
+            let fastest = (4.0_f64 / (inner_edge + 0.003)).sqrt();
+            assert!(
+                (limit_mps - 1e-9..1.2 * limit_mps).contains(&fastest),
+                "{fastest}"
+            );
+        }
+    }
+
+    #[test]
+    fn laps_do_not_meet_in_the_plane() {
+        let turns = LoopRoad::new(1850.0, 20.0, 3000.0).expect("a loop");
+        let road = turns.road();
+        for i in 0..100 {
+            let s_m = road.length_m() * f64::from(i) / 100.0;
+            let found = road.to_frenet(road.reference(s_m).0.position());
+            assert!((found.s_m - s_m).abs() < 1e-6, "{s_m} {found:?}");
+        }
+    }
+
+    #[test]
+    fn a_loop_too_short_or_too_long_is_refused() {
+        for period_m in [79.0, 200_001.0, f64::NAN, f64::INFINITY] {
+            let error = LoopRoad::new(period_m, 20.0, 100.0).expect_err("refused");
+            assert!(error.to_string().contains("80 to 200000 m"), "{error}");
+        }
+    }
+}
