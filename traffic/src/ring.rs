@@ -5,6 +5,7 @@ mod lanes;
 mod report;
 mod settings;
 mod start;
+mod timing;
 mod vehicle;
 
 use std::sync::Arc;
@@ -15,6 +16,7 @@ use nalgebra::Vector3;
 pub use error::RingError;
 pub use report::RingReport;
 pub use settings::{RingSettings, SAFE_DISTANCE_M};
+pub use timing::{RingTiming, time_ring};
 pub use vehicle::RingVehicle;
 
 use crate::{
