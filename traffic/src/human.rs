@@ -19,8 +19,6 @@ const PULL_OUT_ROOM_M: f64 = 6.0;
 const STANDING_MPS: f64 = 0.5;
 /// Jam distance to what is being pulled out from behind.
 const CHANGING_GAP_M: f64 = 0.5;
-/// Gain in acceleration that is worth a lane change (MOBIL's threshold).
-const GAIN_MPS2: f64 = 0.3;
 /// The hardest braking a lane change may ask of the follower or of oneself (MOBIL's safety).
 const SAFE_BRAKING_MPS2: f64 = 2.5;
 const SIDE_GAP_M: f64 = 1.0;
@@ -30,6 +28,10 @@ const SIDE_GAP_M: f64 = 1.0;
 pub(crate) struct Habit {
     /// A leader below this share of the desired speed holds the driver up.
     held_up_share: f64,
+    /// Gain in acceleration that is worth a lane change (MOBIL's threshold).
+    gain_mps2: f64,
+    /// How much faster the new leader has to be.
+    faster_mps: f64,
     /// How much the new follower's loss in acceleration counts against the own gain (MOBIL's p).
     politeness: f64,
 }
@@ -38,11 +40,15 @@ impl Habit {
     /// Keeps the lane unless it is blocked or nearly so.
     pub const KEEPS_LANE: Self = Self {
         held_up_share: 0.35,
+        gain_mps2: 0.3,
+        faster_mps: 1.0,
         politeness: 0.0,
     };
     /// Passes whoever is slower, by MOBIL.
     pub const PASSES: Self = Self {
         held_up_share: 1.0,
+        gain_mps2: 0.1,
+        faster_mps: 0.0,
         politeness: 0.3,
     };
 }
@@ -77,6 +83,14 @@ impl Across {
         Self {
             right_m: self.right_m.min(other.right_m),
             left_m: self.left_m.max(other.left_m),
+        }
+    }
+
+    /// With all that a movement of `left_m` to the left passes over.
+    pub fn moving(self, left_m: f64) -> Self {
+        Self {
+            right_m: self.right_m + left_m.min(0.0),
+            left_m: self.left_m + left_m.max(0.0),
         }
     }
 
@@ -174,12 +188,12 @@ impl HumanDriver {
             let ahead = leader(own, seen, swath).map(|(_, ahead)| ahead);
             let then = self.idm.acceleration(own.speed_mps, ahead);
             let faster = ahead.map_or(f64::INFINITY, |leader| leader.speed_mps)
-                > held_by.map_or(0.0, |leader| leader.speed_mps) + 1.0;
+                > held_by.map_or(0.0, |leader| leader.speed_mps) + self.habit.faster_mps;
             let safe = then > -SAFE_BRAKING_MPS2
                 && ahead.is_none_or(|leader| leader.gap_m > SIDE_GAP_M)
                 && self.follower_is_safe(own, seen, swath);
             let courtesy = self.habit.politeness * self.loss_of_follower(own, seen, swath);
-            let worth = then > self.accel_mps2 + GAIN_MPS2 + courtesy;
+            let worth = then > self.accel_mps2 + self.habit.gain_mps2 + courtesy;
             (safe && faster && worth).then_some((lane, then - courtesy))
         };
         let (target, _) = [self.lane.left(), self.lane.right()]
@@ -239,12 +253,12 @@ impl HumanDriver {
         road: &Road,
         wheelbase_m: f64,
     ) -> f64 {
-        let [d_ref_m, slope, bend] = self.path(road);
+        let [d_ref_m, heading, bend] = self.path(road);
         let along = frenet.curvature_per_m * frenet.psi_rad.cos()
             / (1.0 - frenet.curvature_per_m * frenet.d_m).max(0.2);
         let curvature = along + bend
             - (frenet.d_m - d_ref_m) / STEERING_LENGTH_M.powi(2)
-            - 2.0 * (frenet.psi_rad - slope.atan()) / STEERING_LENGTH_M;
+            - 2.0 * (frenet.psi_rad - heading) / STEERING_LENGTH_M;
         if let Some(change) = &mut self.change {
             change.travelled_m += speed_mps * STEP_S;
             if change.travelled_m >= change.length_m {
@@ -255,7 +269,7 @@ impl HumanDriver {
         (wheelbase_m * curvature).clamp(-TAN_DELTA_MAX, TAN_DELTA_MAX)
     }
 
-    /// Offset d of the path and its first two derivatives by the distance travelled.
+    /// Offset d of the path, its heading and its curvature relative to the road.
     fn path(&self, road: &Road) -> [f64; 3] {
         let Some(change) = self.change else {
             return [road.lane_center_m(self.lane), 0.0, 0.0];
@@ -268,7 +282,7 @@ impl HumanDriver {
         let bend = 60.0 * p * (1.0 - p) * (1.0 - 2.0 * p);
         [
             change.from_d_m + across_m * shape,
-            across_m * slope / change.length_m,
+            (across_m * slope / change.length_m).atan(),
             across_m * bend / change.length_m.powi(2),
         ]
     }

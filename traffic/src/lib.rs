@@ -30,7 +30,8 @@ pub use loop_road::LoopRoad;
 pub use markings::{MarkStyle, PaintColor, RoadMarkings};
 pub use model::VehicleModel;
 pub use ring::{
-    Ring, RingError, RingImage, RingReport, RingSettings, RingTiming, RingVehicle, SAFE_DISTANCE_M, time_ring,
+    Ring, RingError, RingImage, RingReport, RingSettings, RingTiming, RingVehicle, SAFE_DISTANCE_M,
+    time_ring,
 };
 pub use sample::{SampledScene, SceneKind, sample_scene};
 pub use scenario::{

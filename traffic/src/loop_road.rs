@@ -60,7 +60,7 @@ impl LoopRoad {
         }
         let pairs = (period_m / PAIR_OF_CORNERS_M).ceil();
         let corner = Corner::fitting(period_m / (2.0 * pairs), radius_m(limit_mps));
-        let laps = 2.0 + ((way_m + AHEAD_M) / period_m).ceil();
+        let laps = 3.0 + ((way_m + AHEAD_M) / period_m).ceil();
         let pair = [1.0, -1.0].map(|side| corner.segments(side)).concat();
         let segments = pair.repeat((laps * pairs) as usize);
         let road = Road::new(Se2Pose::default(), &segments, LANE_WIDTH_M)?;
@@ -81,12 +81,20 @@ impl LoopRoad {
         self.period_m
     }
 
-    /// Curvature in 1/m of the reference line of the endless road at `s_m`, positive to the left.
+    /// Curvature in 1/m of the reference line of the endless road at `s_m` >= 0, positive to the
+    /// left.
     pub fn curvature(&self, s_m: f64) -> f64 {
-        let stretch = (s_m / self.corner.stretch_m).floor();
-        let from_middle_m = s_m - (stretch + 0.5) * self.corner.stretch_m;
-        let side = 1.0 - 2.0 * (stretch - 2.0 * (stretch / 2.0).floor());
+        // A cast truncates, and takes no call.
+        let stretch = (s_m / self.corner.stretch_m) as u64;
+        let from_middle_m = s_m - (stretch as f64 + 0.5) * self.corner.stretch_m;
+        let side = if stretch.is_multiple_of(2) { 1.0 } else { -1.0 };
         side * self.corner.curvature(from_middle_m)
+    }
+
+    /// How far anybody may drive, in metres along the road: a lap before its end, so that images of
+    /// those ahead are on the road, too.
+    pub fn end_m(&self) -> f64 {
+        self.road.length_m() - self.period_m
     }
 
     /// The number of laps from `s_m` to its image nearest to `near_s_m`.

@@ -124,14 +124,13 @@ impl Ring {
         &self.vehicles
     }
 
-    /// Where somebody at `near_s_m` of the endless road sees vehicle `index`.
-    pub fn image_near(&self, index: usize, near_s_m: f64) -> RingImage {
-        let vehicle = &self.vehicles[index];
+    /// Where somebody at `near_s_m` of the endless road sees a vehicle of this ring.
+    pub fn image_near(&self, vehicle: &RingVehicle, near_s_m: f64) -> RingImage {
         let road = self.road.road();
         let mut frenet = vehicle.frenet();
-        let laps = self.road.laps_to(frenet.s_m, near_s_m);
         let mut state = vehicle.state(road);
-        if laps != 0.0 {
+        let laps = self.road.laps_to(frenet.s_m, near_s_m);
+        if laps.abs() > 0.5 {
             frenet.s_m += laps * self.road.period_m();
             state.pose = road.pose_from_frenet(frenet.s_m, frenet.d_m, frenet.psi_rad);
         }
@@ -172,25 +171,22 @@ impl Ring {
         self.sums.report(self.vehicles.len(), self.road.period_m())
     }
 
-    /// The truth as the sensors of vehicle `index` measure it: the others at their images nearest
-    /// to it, on a road without scenery.
-    pub fn scene(&self, index: usize) -> Scene {
-        let near_s_m = self.vehicles[index].frenet().s_m;
-        let vehicles = self.vehicles.iter().enumerate();
+    /// The truth as sensors at `near_s_m` of the endless road measure it: everybody at the image
+    /// nearest to there, on a road without scenery.
+    pub fn scene_near(&self, near_s_m: f64) -> Scene {
+        let image = |vehicle: &RingVehicle| SceneVehicle {
+            id: vehicle.id,
+            model: vehicle.model,
+            paint: vehicle.paint,
+            scale: Vector3::repeat(1.0),
+            state: self.image_near(vehicle, near_s_m).state,
+        };
         Scene {
             time_s: self.time_s(),
             road: Arc::clone(self.road.road()),
             markings: RoadMarkings::default(),
             terrain: Arc::default(),
-            vehicles: vehicles
-                .map(|(other, vehicle)| SceneVehicle {
-                    id: vehicle.id,
-                    model: vehicle.model,
-                    paint: vehicle.paint,
-                    scale: Vector3::repeat(1.0),
-                    state: self.image_near(other, near_s_m).state,
-                })
-                .collect(),
+            vehicles: self.vehicles.iter().map(image).collect(),
             scenery: Arc::default(),
             look: CLEAR_DAY,
         }
@@ -268,7 +264,7 @@ impl Ring {
     fn watch_contacts(&mut self) {
         let mut touching = Vec::new();
         self.lanes.near_pairs(|one, other| {
-            if self.overlap(one as usize, other as usize) {
+            if self.overlap(one, other) {
                 touching.push((one, other));
             }
         });
@@ -277,17 +273,18 @@ impl Ring {
         self.contacts = touching;
     }
 
-    fn overlap(&self, one: usize, other: usize) -> bool {
-        let near_s_m = self.vehicles[one].frenet().s_m;
-        let [one, other] = [one, other].map(|index| {
-            let pose = self.image_near(index, near_s_m).state.pose;
-            Footprint::new(pose, self.vehicles[index].dimensions, 0.0)
+    fn overlap(&self, one: u32, other: u32) -> bool {
+        let [one, other] = [one, other].map(|index| &self.vehicles[index as usize]);
+        let near_s_m = one.frenet().s_m;
+        let [one, other] = [one, other].map(|vehicle| {
+            let pose = self.image_near(vehicle, near_s_m).state.pose;
+            Footprint::new(pose, vehicle.dimensions, 0.0)
         });
         one.overlaps(&other)
     }
 
     fn check_ends(&self) -> Result<(), RingError> {
-        let end_m = self.road.road().length_m() - self.road.period_m();
+        let end_m = self.road.end_m();
         let is_beyond = |vehicle: &&RingVehicle| vehicle.frenet().s_m > end_m;
         let cavs = &self.vehicles[..self.settings.cavs];
         match cavs.iter().find(is_beyond) {

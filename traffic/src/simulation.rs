@@ -74,10 +74,11 @@ impl TrafficVehicle {
             value(value(a, b), value(c, d))
         };
         let sideways_m = self.state.speed_mps * self.frenet.psi_rad.sin() * ENTERING_S;
-        let mut across = Across {
-            right_m: span(f64::min, |point| point.d_m) + sideways_m.min(0.0),
-            left_m: span(f64::max, |point| point.d_m) + sideways_m.max(0.0),
+        let body = Across {
+            right_m: span(f64::min, |point| point.d_m),
+            left_m: span(f64::max, |point| point.d_m),
         };
+        let mut across = body.moving(sideways_m);
         if let Some((driver, target)) = self.driver.as_ref().zip(self.human_lane_change()) {
             across = across.union(driver.swath(target, road));
         }

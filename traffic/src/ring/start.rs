@@ -13,11 +13,13 @@ use crate::{
     sample::{draw_model, draw_paint},
 };
 
-/// Room beyond P_safe, to start in the set of the barriers: what noise, errors of perception and
-/// the bodies' circles take, at standstill and for each m/s.
+/// Room beyond P_safe to start in the set of the barriers (`docs/safety.md`), for vehicles of the
+/// same speed v: `ROOM_M + ROOM_S v + ROOM_S2_PER_M v^2` has the bodies' circles, the noise, errors
+/// of perception, and what the process noise costs the brakes.
 const ROOM_M: f64 = 0.5;
 const ROOM_S: f64 = 0.1;
-/// Share of what a lane has left over that may go to speed.
+const ROOM_S2_PER_M: f64 = 0.005;
+/// Share of what a lane has left over that may go into that room.
 const ROOM_SHARE: f64 = 0.75;
 /// Start speed as a share of the speed that the mean gap allows.
 const CALM_SHARE: f64 = 0.9;
@@ -49,7 +51,7 @@ pub(super) fn place_all(
     let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
     let fullest = vehicles.div_ceil(usize::from(LANE_COUNT));
     let speed_mps = start_speed_mps(settings, period_m / fullest as f64);
-    let distance_m = SAFE_DISTANCE_M + ROOM_M + ROOM_S * speed_mps;
+    let distance_m = start_distance_m(speed_mps);
     let slots = draw_slots(vehicles, period_m, distance_m, &mut rng);
     let place = |(index, slot)| {
         // A stream each: the CAVs' number changes nobody's start, model or wishes.
@@ -67,8 +69,15 @@ fn start_speed_mps(settings: &RingSettings, mean_m: f64) -> f64 {
     let idm = Idm::treiber2000(settings.desired_speed_mps);
     let gap_m = mean_m - VehicleModel::Sedan.dimensions().length_m;
     let calm_mps = CALM_SHARE * idm.equilibrium_speed_mps(gap_m);
-    let spare_m = ROOM_SHARE * (mean_m - SAFE_DISTANCE_M) - ROOM_M;
-    calm_mps.min(spare_m / ROOM_S).max(0.0)
+    let room_m = ROOM_SHARE * (mean_m - SAFE_DISTANCE_M);
+    let root = (ROOM_S.powi(2) + 4.0 * ROOM_S2_PER_M * (room_m - ROOM_M)).max(0.0);
+    let roomy_mps = (root.sqrt() - ROOM_S) / (2.0 * ROOM_S2_PER_M);
+    calm_mps.min(roomy_mps).max(0.0)
+}
+
+/// Least distance of the bodies' centres at the start.
+fn start_distance_m(speed_mps: f64) -> f64 {
+    SAFE_DISTANCE_M + ROOM_M + ROOM_S * speed_mps + ROOM_S2_PER_M * speed_mps.powi(2)
 }
 
 /// Random places, `distance_m` apart in each lane, the lanes equally full, in random order.

@@ -8,7 +8,7 @@ use crate::{
     human::{Across, HumanDriver, Strip},
 };
 
-/// How far ahead in time a sideways movement is taken to go on.
+/// How far ahead in time a CAV's sideways movement is taken to go on.
 const ENTERING_S: f64 = 1.0;
 
 /// A vehicle of a ring, with everything there is to know of it.
@@ -101,32 +101,30 @@ impl RingVehicle {
 
     /// What the body covers across the road.
     pub(super) fn across(&self) -> Across {
-        let half_m = self.dimensions.width_m / 2.0;
-        let [front_m, rear_m] = self.offsets_m();
-        Across::around(front_m, half_m).union(Across::around(rear_m, half_m))
+        self.front_across()
+            .union(self.bumper_across(-self.dimensions.rear_overhang_m))
     }
 
-    /// Offsets d of the middles of the front and the rear bumper.
-    fn offsets_m(&self) -> [f64; 2] {
-        let slope = self.place.psi_rad.sin();
-        [self.front_ahead_m(), -self.dimensions.rear_overhang_m]
-            .map(|ahead_m| self.place.d_m + slope * ahead_m)
+    fn front_across(&self) -> Across {
+        self.bumper_across(self.front_ahead_m())
     }
 
-    /// The strip of road it covers in its lap, with what its sideways movement or signal tells
-    /// others; the front is brought into [0, period).
+    /// What a bumper covers that lies so far ahead of the rear axle.
+    fn bumper_across(&self, ahead_m: f64) -> Across {
+        let middle_m = self.place.d_m + self.place.psi_rad * ahead_m;
+        Across::around(middle_m, self.dimensions.width_m / 2.0)
+    }
+
+    /// The strip of road it covers in its lap, with what a human's signal or a CAV's sideways
+    /// movement tells others; the front is brought into [0, period).
     pub(super) fn strip(&self, road: &LoopRoad) -> Strip {
-        let sideways_m = self.speed_mps * self.place.psi_rad.sin() * ENTERING_S;
         let body = self.across();
-        let mut across = Across {
-            right_m: body.right_m + sideways_m.min(0.0),
-            left_m: body.left_m + sideways_m.max(0.0),
+        let across = match &self.mover {
+            Mover::Human(driver) => driver
+                .lane_change()
+                .map_or(body, |target| body.union(driver.swath(target, road.road()))),
+            Mover::Cav(_) => body.moving(self.speed_mps * self.place.psi_rad * ENTERING_S),
         };
-        if let Mover::Human(driver) = &self.mover
-            && let Some(target) = driver.lane_change()
-        {
-            across = across.union(driver.swath(target, road.road()));
-        }
         let mut front_m = self.front_m();
         if front_m >= road.period_m() {
             front_m -= road.period_m();
@@ -135,7 +133,7 @@ impl RingVehicle {
             rear_m: front_m - self.dimensions.length_m,
             front_m,
             across,
-            front_across: Across::around(self.offsets_m()[0], self.dimensions.width_m / 2.0),
+            front_across: self.front_across(),
             speed_mps: self.speed_mps,
         }
     }
