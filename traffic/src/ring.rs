@@ -234,10 +234,7 @@ impl Ring {
     /// Everybody looks round; humans decide, one after the other, so that a later one sees an
     /// earlier one's signal.
     fn look(&mut self) {
-        let road = &self.road;
-        let strips = self.vehicles.iter().map(|vehicle| vehicle.strip(road));
-        self.lanes.update(strips);
-        self.watch_contacts();
+        self.find_contacts();
         for index in 0..self.vehicles.len() {
             let seen = self.lanes.around(index);
             let own = *self.lanes.strip(index);
@@ -260,8 +257,11 @@ impl Ring {
         }
     }
 
-    /// Counts the pairs of vehicles that have come to overlap.
-    fn watch_contacts(&mut self) {
+    /// Takes up where everybody is; counts the pairs of vehicles that have come to overlap.
+    fn find_contacts(&mut self) {
+        let road = &self.road;
+        let strips = self.vehicles.iter().map(|vehicle| vehicle.strip(road));
+        self.lanes.update(strips);
         let mut touching = Vec::new();
         self.lanes.near_pairs(|one, other| {
             if self.overlap(one, other) {
@@ -296,3 +296,6 @@ impl Ring {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;
