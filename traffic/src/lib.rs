@@ -26,7 +26,7 @@ mod terrain;
 pub use body::{Body, ConvexPart, Material};
 pub use footprint::Footprint;
 pub use idm::{Ahead, Idm};
-pub use loop_road::LoopRoad;
+pub use loop_road::{Bend, LoopRoad};
 pub use markings::{MarkStyle, PaintColor, RoadMarkings};
 pub use model::VehicleModel;
 pub use ring::{

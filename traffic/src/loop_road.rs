@@ -34,6 +34,15 @@ pub struct LoopRoad {
     corner: Corner,
 }
 
+/// How a road runs at one place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bend {
+    /// Curvature of the reference line in 1/m, positive to the left.
+    pub curvature_per_m: f64,
+    /// Angle by which it has turned since the beginning of a lap; at its end it is zero again.
+    pub turned_rad: f64,
+}
+
 /// A corner in the middle of a stretch of road; its curvature over s is a trapezium.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Corner {
@@ -81,14 +90,21 @@ impl LoopRoad {
         self.period_m
     }
 
-    /// Curvature in 1/m of the reference line of the endless road at `s_m` >= 0, positive to the
-    /// left.
-    pub fn curvature(&self, s_m: f64) -> f64 {
+    /// How the endless road runs at `s_m` >= 0.
+    pub fn bend(&self, s_m: f64) -> Bend {
+        let Corner { stretch_m, .. } = self.corner;
         // A cast truncates, and takes no call.
-        let stretch = (s_m / self.corner.stretch_m) as u64;
-        let from_middle_m = s_m - (stretch as f64 + 0.5) * self.corner.stretch_m;
-        let side = if stretch.is_multiple_of(2) { 1.0 } else { -1.0 };
-        side * self.corner.curvature(from_middle_m)
+        let stretch = (s_m / stretch_m) as u64;
+        let from_middle_m = s_m - (stretch as f64 + 0.5) * stretch_m;
+        let left = self.corner.bend(from_middle_m);
+        if stretch.is_multiple_of(2) {
+            left
+        } else {
+            Bend {
+                curvature_per_m: -left.curvature_per_m,
+                turned_rad: self.corner.angle_rad() - left.turned_rad,
+            }
+        }
     }
 
     /// How far anybody may drive, in metres along the road: a lap before its end, so that images of
@@ -124,9 +140,22 @@ impl Corner {
         }
     }
 
-    fn curvature(&self, from_middle_m: f64) -> f64 {
-        let inside_m = self.arc_m / 2.0 + self.clothoid_m - from_middle_m.abs();
-        (inside_m / self.clothoid_m).clamp(0.0, 1.0) * self.sharpest_per_m
+    fn angle_rad(&self) -> f64 {
+        (self.arc_m + self.clothoid_m) * self.sharpest_per_m
+    }
+
+    /// The bend to the left, so far beyond the middle of the corner.
+    fn bend(&self, from_middle_m: f64) -> Bend {
+        let way_m = from_middle_m.abs();
+        let arc_m = way_m.min(self.arc_m / 2.0);
+        let clothoid_m = (way_m - arc_m).min(self.clothoid_m);
+        let left_share = 1.0 - clothoid_m / self.clothoid_m;
+        let turned_m = arc_m + clothoid_m * (1.0 + left_share) / 2.0;
+        Bend {
+            curvature_per_m: left_share * self.sharpest_per_m,
+            turned_rad: self.angle_rad() / 2.0
+                + (turned_m * self.sharpest_per_m).copysign(from_middle_m),
+        }
     }
 
     /// The stretch with the corner in its middle, to the left (1) or to the right (-1).
@@ -159,17 +188,24 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_road_has_the_curvature_of_the_loop_and_repeats() {
+    fn the_road_bends_as_the_loop_does_and_repeats() {
         for period_m in [80.0, 205.6, 308.3, 616.7, 1850.0, 5000.0] {
             let turns = LoopRoad::new(period_m, 20.0, 1000.0).expect("a loop");
             let road = turns.road();
             assert!(road.length_m() >= 1500.0 + period_m);
             for i in 0..2000 {
                 let s_m = (road.length_m() - 1.0) * f64::from(i) / 2000.0;
-                let error = turns.curvature(s_m) - road.curvature(s_m);
-                assert!(error.abs() < 1e-9, "{period_m} {s_m} {error}");
-                let repeats = turns.curvature(s_m + 3.0 * period_m) - turns.curvature(s_m);
-                assert!(repeats.abs() < 1e-9, "{period_m} {s_m} {repeats}");
+                let bend = turns.bend(s_m);
+                let again = turns.bend(s_m + 3.0 * period_m);
+                for (found, expected) in [
+                    (bend.curvature_per_m, road.curvature(s_m)),
+                    (bend.turned_rad, road.turned_rad(s_m)),
+                    (again.curvature_per_m, bend.curvature_per_m),
+                    (again.turned_rad, bend.turned_rad),
+                ] {
+                    let error = (found - expected).abs();
+                    assert!(error < 1e-9, "{period_m} {s_m} {error}");
+                }
             }
             // Left and right take turns: after a lap the road leads where it led before.
             assert!(road.turn_rad(period_m, 2.0 * period_m).abs() < 1e-9);

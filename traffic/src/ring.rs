@@ -217,7 +217,7 @@ impl Ring {
         }
     }
 
-    /// Bumper to bumper distance along the road to the leader.
+    /// Bumper to bumper distance to the leader, along the own line through the curves.
     fn gap_m(&self, vehicle: &RingVehicle, leader: &RingVehicle) -> f64 {
         let fronts_m = leader.front_m() - vehicle.front_m();
         // A leader's front was ahead when it was found, and is still nearly so.
@@ -228,7 +228,8 @@ impl Ring {
         } else {
             fronts_m
         };
-        ahead_m - leader.dimensions.length_m
+        let turn_rad = leader.turned_rad - vehicle.turned_rad;
+        ahead_m - vehicle.place.d_m * turn_rad - leader.dimensions.length_m
     }
 
     /// Everybody looks round; humans decide, one after the other, so that a later one sees an

@@ -121,11 +121,12 @@ fn place(
     let dimensions = model.dimensions();
     let period_m = road.period_m();
     let s_m = (slot.middle_m - dimensions.center_ahead_of_axle_m()).rem_euclid(period_m);
+    let bend = road.bend(s_m);
     let place = FrenetPose {
         s_m,
         d_m: road.road().lane_center_m(slot.lane),
         psi_rad: 0.0,
-        curvature_per_m: road.curvature(s_m),
+        curvature_per_m: bend.curvature_per_m,
     };
     let pose = road.road().pose_from_frenet(period_m + s_m, place.d_m, 0.0);
     RingVehicle {
@@ -138,6 +139,7 @@ fn place(
         dimensions,
         lap_from_m: period_m,
         place,
+        turned_rad: bend.turned_rad,
         mover: if is_cav {
             Mover::Cav(BicycleState { pose, speed_mps })
         } else {

@@ -109,6 +109,7 @@ fn humans_and_cavs_have_the_same_plant() {
 #[test]
 fn neighbours_are_those_of_a_search_among_all() {
     let mut ring = ring(0, 0.3);
+    let mut compared = 0;
     for round in 0..200 {
         for _ in 0..50 {
             ring.step(&[]).expect("a step");
@@ -136,9 +137,14 @@ fn neighbours_are_those_of_a_search_among_all() {
                 .map(|(other, gap_m)| (other, gap_m.rem_euclid(road.period_m())))
                 .min_by(|a, b| a.1.total_cmp(&b.1))
                 .expect("somebody");
-            assert_eq!(found as usize, nearest, "round {round}, vehicle {index}");
+            // Who decides later may have begun to change into the lane since.
+            if ring.vehicles[nearest].human_lane_change().is_none() {
+                assert_eq!(found as usize, nearest, "round {round}, vehicle {index}");
+                compared += 1;
+            }
         }
     }
+    assert!(compared > 5000, "{compared}");
 }
 
 #[test]

@@ -31,6 +31,8 @@ pub struct RingVehicle {
     pub(super) lap_from_m: f64,
     /// The rear axle in its lap: `s_m` lies in [0, period).
     pub(super) place: FrenetPose,
+    /// The road's angle there since the beginning of the lap.
+    pub(super) turned_rad: f64,
     pub(super) mover: Mover,
     /// Whom it follows: an index into the vehicles.
     pub(super) leader: Option<u32>,
@@ -159,7 +161,6 @@ impl RingVehicle {
                 self.place.d_m += way_m * sin;
                 self.place.psi_rad += way_m / wheelbase_m * input.tan_delta - kappa * along_m;
                 self.speed_mps = (before_mps + input.accel_mps2 * STEP_S).max(0.0);
-                self.place.curvature_per_m = road.curvature(self.place.s_m);
             }
         }
         self.accel_mps2 = (self.speed_mps - before_mps) / STEP_S;
@@ -170,5 +171,8 @@ impl RingVehicle {
             self.place.s_m += road.period_m();
             self.lap_from_m -= road.period_m();
         }
+        let bend = road.bend(self.place.s_m);
+        self.place.curvature_per_m = bend.curvature_per_m;
+        self.turned_rad = bend.turned_rad;
     }
 }
