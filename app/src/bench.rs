@@ -3,6 +3,7 @@
 mod control;
 mod perception;
 mod sensors;
+mod traffic;
 
 use crate::cli::{BenchArgs, BenchWhat};
 
@@ -12,5 +13,6 @@ pub fn run(args: &BenchArgs) -> anyhow::Result<()> {
         BenchWhat::Sensors(args) => sensors::run(args),
         BenchWhat::Perception(args) => perception::run(args),
         BenchWhat::Control(args) => control::run(args),
+        BenchWhat::Traffic(args) => traffic::run(args),
     }
 }

@@ -329,6 +329,15 @@ pub enum BenchWhat {
     Perception(PerceptionBenchArgs),
     /// The safety filter: an adversarial campaign on the truth, and the time of one step
     Control(ControlBenchArgs),
+    /// Human traffic on the three-lane loop, on one core
+    Traffic(TrafficBenchArgs),
+}
+
+#[derive(Debug, Args)]
+pub struct TrafficBenchArgs {
+    /// Write the rows as JSON
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]

@@ -35,7 +35,9 @@ pub use cause::Cause;
 pub use control_file::{ControlFileError, load_control_settings};
 pub use covista_control::{ControlSettings, Mode as ControlMode, Solver};
 pub use covista_sharing::{ChannelSettings, PoseNoise};
-pub use covista_traffic::{Material, Scenario, Traffic, VehicleKind};
+pub use covista_traffic::{
+    Material, RingError, RingTiming, Scenario, Traffic, VehicleKind, time_ring,
+};
 pub use evaluate::{
     Bar, ClassEvaluation, CooperativeEvaluation, CooperativeRuns, DataOrigin, DetectorEvaluation,
     ErrorFigures, ErrorFrame, ErrorFrames, EvaluateError, Evaluated, FitError, FoundBox,

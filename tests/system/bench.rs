@@ -31,6 +31,32 @@ fn bench_sensors_prints_a_table_and_writes_its_rows() {
     }
 }
 
+#[test]
+fn bench_traffic_has_a_row_for_each_number_of_vehicles() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let json = folder.path().join("traffic.json");
+    let output = covista()
+        .args(["bench", "traffic", "--json"])
+        .arg(&json)
+        .output()
+        .expect("covista runs");
+    assert!(output.status.success(), "{output:?}");
+    let table = String::from_utf8(output.stdout).expect("text");
+    assert!(table.contains("vehicle-steps/s core"), "{table}");
+    let text = fs::read_to_string(&json).expect("the report");
+    let report: Value = serde_json::from_str(&text).expect("JSON");
+    assert_eq!(report["command"], "bench traffic");
+    let rows = report["rows"].as_array().expect("rows");
+    let numbers: Vec<_> = rows.iter().map(|row| row["vehicles"].as_u64()).collect();
+    assert_eq!(numbers, [Some(30), Some(90), Some(1000)]);
+    for row in rows {
+        let number = |field: &str| row[field].as_f64().expect("a number");
+        let steps_per_s = number("times_real_time") * 100.0 * number("vehicles");
+        assert!((steps_per_s / number("vehicle_steps_per_s_core") - 1.0).abs() < 1e-9);
+        assert!(steps_per_s > 100_000.0, "{row}");
+    }
+}
+
 /// `covista bench perception` of the networks in `models`, on the CPU, three frames each.
 fn perception(models: &Path) -> Command {
     let mut command = covista();
