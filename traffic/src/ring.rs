@@ -276,7 +276,8 @@ impl Ring {
 
     fn overlap(&self, one: u32, other: u32) -> bool {
         let [one, other] = [one, other].map(|index| &self.vehicles[index as usize]);
-        let near_s_m = one.frenet().s_m;
+        // In lap 1, where there is road whoever has driven how far.
+        let near_s_m = self.road.period_m() + one.place.s_m;
         let [one, other] = [one, other].map(|vehicle| {
             let pose = self.image_near(vehicle, near_s_m).state.pose;
             Footprint::new(pose, vehicle.dimensions, 0.0)

@@ -3,14 +3,15 @@ use serde::{Deserialize, Serialize};
 
 use crate::{LANE_COUNT, LaneIndex, Se2Pose, wrap_angle};
 
+mod milestones;
 #[cfg(test)]
 mod tests;
 
+use milestones::Milestones;
+
 const NODE_SPACING_M: f64 = 0.5;
-/// Two-point steps of the coarse search, in nodes.
-const COARSE_STRIDE: usize = 8;
-/// Those of the search before that.
-const COARSEST_STRIDE: usize = 128;
+/// Every so many nodes there is a milestone, for the coarse search.
+const MILESTONE_NODES: usize = 8;
 
 /// A piece of the reference line.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -224,6 +225,7 @@ struct Reference {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Road {
     nodes: Vec<Node>,
+    milestones: Milestones,
     stretches: Vec<Stretch>,
     length_m: f64,
     lane_width_m: f64,
@@ -293,8 +295,15 @@ impl Road {
             .fold(0.0, |max: f64, (from, to)| {
                 max.max(from.abs()).max(to.abs())
             });
+        let last = nodes.last();
+        let marked = nodes.iter().step_by(MILESTONE_NODES).chain(last);
+        let milestones = Milestones::new(
+            marked.map(|node| node.pose.position()).collect(),
+            MILESTONE_NODES as f64 * NODE_SPACING_M,
+        );
         Ok(Self {
             nodes,
+            milestones,
             stretches,
             length_m,
             lane_width_m,
@@ -474,29 +483,9 @@ impl Road {
 
     /// Frenet coordinates of a world position: the nearest point of the reference line.
     pub fn to_frenet(&self, position: Vector2<f64>) -> FrenetPoint {
-        self.to_frenet_near(position, self.nodes[self.coarsely_nearest(position)].s_m)
-    }
-
-    /// The nearest of every few nodes.
-    ///
-    /// From one node to the next the distance changes by no more than these lie apart, so that
-    /// those after a far one can be left out.
-    fn coarsely_nearest(&self, position: Vector2<f64>) -> usize {
-        let distance_m = |index: usize| (self.nodes[index].pose.position() - position).norm();
-        let last = self.nodes.len() - 1;
-        let (mut nearest, mut least_m) = (last, distance_m(last));
-        for stride in [COARSEST_STRIDE, COARSE_STRIDE] {
-            let mut index = 0;
-            while index < last {
-                let here_m = distance_m(index);
-                if here_m < least_m {
-                    (nearest, least_m) = (index, here_m);
-                }
-                let spared = (here_m - least_m) / (stride as f64 * NODE_SPACING_M);
-                index += stride * (spared as usize).max(1);
-            }
-        }
-        nearest
+        let milestone = self.milestones.nearest(position) * MILESTONE_NODES;
+        let node = &self.nodes[milestone.min(self.nodes.len() - 1)];
+        self.to_frenet_near(position, node.s_m)
     }
 
     /// As [`Road::to_frenet`], from a guess `s_hint_m` some metres from the answer.

@@ -7,8 +7,8 @@ use crate::{
 
 /// How many vehicles ahead in each lane somebody looks at.
 const AHEAD: usize = 2;
-/// What corners of bodies may reach beyond their strips, which are straight.
-const CURVED_M: f64 = 0.5;
+/// What two bodies may reach beyond their strips: roads bend, and CAVs may face anywhere.
+const BEYOND_M: f64 = 5.0;
 /// All that somebody looks at: in each lane those ahead and one behind.
 const SEEN_MAX: usize = (AHEAD + 1) * LANE_COUNT as usize;
 
@@ -122,7 +122,7 @@ impl Lanes {
                 .iter()
                 .map(|entry| (entry, self.period_m));
             for (other, lap_m) in next.chain(lapped) {
-                let reach_m = first.front_m - other.front_m - lap_m + CURVED_M;
+                let reach_m = first.front_m - other.front_m - lap_m + BEYOND_M;
                 if reach_m + longest_m < 0.0 {
                     break;
                 }
