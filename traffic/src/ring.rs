@@ -63,8 +63,9 @@ pub struct Ring {
     vehicles: Vec<RingVehicle>,
     lanes: Lanes,
     inputs: Vec<ControlInput>,
-    /// Pairs whose bodies overlap.
+    /// Pairs whose bodies overlap, and those that did before.
     contacts: Vec<(u32, u32)>,
+    contacts_before: Vec<(u32, u32)>,
     sums: Sums,
 }
 
@@ -81,7 +82,8 @@ impl Ring {
         let mut ring = Self {
             lanes: Lanes::new(&road, vehicles.len()),
             inputs: Vec::with_capacity(vehicles.len()),
-            contacts: Vec::new(),
+            contacts: Vec::with_capacity(vehicles.len()),
+            contacts_before: Vec::with_capacity(vehicles.len()),
             sums: Sums::default(),
             settings,
             road,
@@ -263,7 +265,8 @@ impl Ring {
         let road = &self.road;
         let strips = self.vehicles.iter().map(|vehicle| vehicle.strip(road));
         self.lanes.update(strips);
-        let mut touching = Vec::new();
+        let mut touching = std::mem::take(&mut self.contacts_before);
+        touching.clear();
         self.lanes.near_pairs(|one, other| {
             if self.overlap(one, other) {
                 touching.push((one, other));
@@ -271,7 +274,7 @@ impl Ring {
         });
         let is_new = |pair: &&(u32, u32)| !self.contacts.contains(pair);
         self.sums.collisions += touching.iter().filter(is_new).count() as u64;
-        self.contacts = touching;
+        self.contacts_before = std::mem::replace(&mut self.contacts, touching);
     }
 
     fn overlap(&self, one: u32, other: u32) -> bool {
