@@ -4,6 +4,7 @@ mod control;
 mod perception;
 mod sensors;
 mod traffic;
+mod training;
 
 use crate::cli::{BenchArgs, BenchWhat};
 
@@ -14,5 +15,6 @@ pub fn run(args: &BenchArgs) -> anyhow::Result<()> {
         BenchWhat::Perception(args) => perception::run(args),
         BenchWhat::Control(args) => control::run(args),
         BenchWhat::Traffic(args) => traffic::run(args),
+        BenchWhat::Training(args) => training::run(args),
     }
 }

@@ -27,8 +27,26 @@ pub enum Command {
     Eval(EvalArgs),
     /// Measure how fast a stage is on this machine
     Bench(BenchArgs),
+    /// Train the behaviour of CAVs on the three-lane loop
+    Train(TrainArgs),
     /// List the networks, or check their files against their cards
     Models(ModelsArgs),
+}
+
+#[derive(Debug, Args)]
+pub struct TrainArgs {
+    /// Traffic, learners and their settings as TOML; without it, the defaults of docs/learning.md
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Episodes of each loop, those of a checkpoint included
+    #[arg(long, value_name = "N", default_value = "100")]
+    pub episodes: NonZeroU64,
+    /// Go on from DIR/checkpoint.safetensors, where there is one
+    #[arg(long)]
+    pub resume: bool,
+    /// Where checkpoint, policy and learning curve go
+    #[arg(long, value_name = "DIR", default_value = "out/train")]
+    pub out: PathBuf,
 }
 
 /// Which of the two runs to make.
@@ -331,6 +349,8 @@ pub enum BenchWhat {
     Control(ControlBenchArgs),
     /// Human traffic on the three-lane loop, on one core
     Traffic(TrafficBenchArgs),
+    /// The closed loop without networks, an episode of training, and one agent's update
+    Training(TrafficBenchArgs),
 }
 
 #[derive(Debug, Args)]

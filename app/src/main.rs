@@ -14,6 +14,7 @@ mod output;
 mod record;
 mod replay;
 mod table;
+mod train;
 
 use std::process::ExitCode;
 
@@ -45,6 +46,7 @@ fn main() -> ExitCode {
         Some(cli::Command::Dataset(args)) => dataset::run(&args),
         Some(cli::Command::Eval(args)) => eval::run(&args),
         Some(cli::Command::Bench(args)) => bench::run(&args),
+        Some(cli::Command::Train(args)) => train::run(&args),
         Some(cli::Command::Models(args)) => models::run(&args),
     };
     match result {

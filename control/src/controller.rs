@@ -124,13 +124,8 @@ impl Controller {
         if !is_usable(situation) && action != Action::EmergencyStop {
             return ActionVerdict::Unsafe(BarrierKind::Manoeuvre);
         }
-        let manoeuvre = self.manoeuvre();
-        let mut judge = Judge {
-            situation,
-            memory: &self.memory,
-            safety: &self.settings.safety,
-            rows: &mut Rows::default(),
-        };
+        let (manoeuvre, mut rows) = (self.manoeuvre(), Rows::default());
+        let mut judge = self.judge(situation, &mut rows);
         match self.settings.mode {
             Mode::Safe => judge.verdict(&manoeuvre, action),
             Mode::Off => judge.possible(&manoeuvre, action),
@@ -142,6 +137,16 @@ impl Controller {
                 possible => possible,
             },
         }
+    }
+
+    /// What [`Mode::Safe`] would say of `action` now, whatever the mode is: who drives without the
+    /// promise is measured by it.
+    pub fn safe_verdict(&self, situation: &Situation<'_>, action: Action) -> ActionVerdict {
+        if !is_usable(situation) && action != Action::EmergencyStop {
+            return ActionVerdict::Unsafe(BarrierKind::Manoeuvre);
+        }
+        self.judge(situation, &mut Rows::default())
+            .verdict(&self.manoeuvre(), action)
     }
 
     /// Takes the behaviour of the coming behaviour step. A lane change is announced first and
@@ -175,6 +180,15 @@ impl Controller {
         self.advance(situation);
         let course = self.execution.course(situation, &self.settings.safety);
         self.filtered(situation, &course, u_nominal)
+    }
+
+    fn judge<'a>(&'a self, situation: &'a Situation<'a>, rows: &'a mut Rows) -> Judge<'a> {
+        Judge {
+            situation,
+            memory: &self.memory,
+            safety: &self.settings.safety,
+            rows,
+        }
     }
 
     fn advance(&mut self, situation: &Situation<'_>) {

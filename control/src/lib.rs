@@ -53,7 +53,7 @@ pub use distance::Closing;
 pub use lanes::LaneSet;
 pub use manoeuvre::Manoeuvre;
 pub use memory::{Excuse, Excused};
-pub use neighbour::Neighbour;
+pub use neighbour::{Measured, Neighbour};
 pub use profile::RoadProfile;
 pub use settings::{
     ControlSettings, Formulation, Mode, QpSettings, ReferenceSettings, SafetySettings,

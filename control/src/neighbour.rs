@@ -51,21 +51,41 @@ pub struct Neighbour {
 /// How far from a lane a body may be for vision's lane to be believed.
 const VISION_LANE_REACH_M: f64 = 1.0;
 
-impl Neighbour {
-    /// Places a track on the road at time `now_s`; `None` where it is not finite.
-    pub fn from_track(
-        track: &Track,
-        road: &Road,
-        now_s: f64,
-        settings: &SafetySettings,
-    ) -> Option<Self> {
+/// A track placed on the road where it was measured: all of it that does not change with time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Measured {
+    id: u32,
+    station: Option<StationId>,
+    measured_s: f64,
+    /// When the station was last heard itself.
+    heard_s: Option<f64>,
+    center: FrenetPoint,
+    /// Speeds along and across the road, the former not below zero.
+    along_mps: f64,
+    across_mps: f64,
+    position_std_m: f64,
+    velocity_std_mps: f64,
+    rear_m: f64,
+    front_m: f64,
+    right_m: f64,
+    left_m: f64,
+    length_m: f64,
+    half_diagonal_m: f64,
+    /// Its lane by vision.
+    lane: Option<LaneIndex>,
+    action: Option<Action>,
+    announced_s: Option<f64>,
+}
+
+impl Measured {
+    /// Places `track` on the road.
+    pub fn new(track: &Track, road: &Road) -> Self {
         let state = &track.state;
         let measured_s = if track.sightings.is_empty() {
             track.time_s
         } else {
             track.measured_s().min(track.time_s)
         };
-        let age_s = (now_s - measured_s).max(0.0);
         // The track goes on straight; from where it was measured the vehicle follows the road.
         let straight = state.velocity_mps * (track.time_s - measured_s);
         let measured = Se2Pose {
@@ -76,40 +96,62 @@ impl Neighbour {
         let center = road.to_frenet(measured.position());
         let (along_road, _) = road.reference(center.s_m);
         let velocity = Rotation2::new(-along_road.yaw_rad) * state.velocity_mps;
-        let speed_mps = velocity.x.max(0.0);
-        let sideways_m = velocity.y * age_s;
-        let position_error_m = settings.error_sigmas * track.position_std_m;
-        let speed_error_mps = settings.error_sigmas * track.velocity_std_mps;
-
         let half = Vector2::new(state.length_m / 2.0, state.width_m / 2.0);
         let corners = [(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)]
             .map(|(x, y)| measured.transform(Vector2::new(x * half.x, y * half.y)));
         let on_road = corners.map(|corner| road.to_frenet_near(corner, center.s_m));
-        let rear_m = fold_s(&on_road, f64::min);
-        let front_m = fold_s(&on_road, f64::max);
         let (right_m, left_m) = lateral_extent_m(corners, road, center.s_m);
-        let (d_right_m, d_left_m) = (right_m + sideways_m, left_m + sideways_m);
+        Self {
+            id: track.id,
+            station: track.station,
+            measured_s,
+            heard_s: track.station.and_then(|station| track.seen_by(station)),
+            center,
+            along_mps: velocity.x.max(0.0),
+            across_mps: velocity.y,
+            position_std_m: track.position_std_m,
+            velocity_std_mps: track.velocity_std_mps,
+            rear_m: fold_s(&on_road, f64::min),
+            front_m: fold_s(&on_road, f64::max),
+            right_m,
+            left_m,
+            length_m: state.length_m,
+            half_diagonal_m: half.norm(),
+            lane: track.lane,
+            action: track.action,
+            announced_s: track.announced_s,
+        }
+    }
+
+    /// What is known of it at time `now_s`; `None` where it is not finite.
+    pub fn at(&self, now_s: f64, road: &Road, settings: &SafetySettings) -> Option<Neighbour> {
+        let age_s = (now_s - self.measured_s).max(0.0);
+        let (center, speed_mps) = (self.center, self.along_mps);
+        let sideways_m = self.across_mps * age_s;
+        let position_error_m = settings.error_sigmas * self.position_std_m;
+        let speed_error_mps = settings.error_sigmas * self.velocity_std_mps;
+        let (d_right_m, d_left_m) = (self.right_m + sideways_m, self.left_m + sideways_m);
 
         let driven_so_far_m = speed_mps * age_s;
         let way_m =
             |speed_mps: f64, accel_mps2: f64| speed_mps * age_s + 0.5 * accel_mps2 * age_s.powi(2);
-        let across_m = position_error_m + velocity.y.abs() * age_s;
+        let across_m = position_error_m + self.across_mps.abs() * age_s;
         let along_m = position_error_m
             + way_m(
                 speed_mps + speed_error_mps,
                 settings.accel_max_mps2.max(settings.follower_accel_mps2),
             );
-        let reach_m = 2.0 * (along_m + half.norm());
+        let reach_m = 2.0 * (along_m + self.half_diagonal_m);
         let span_m = [center.s_m - reach_m, center.s_m + reach_m];
         let metres = MetresOfRoad::around(road, span_m, center, across_m);
         // Whatever its heading is, or will be, its body lies within a circle, in a larger one if
         // its place or its length is wrong.
         let around_m = |radius_m| circle_m(road, radius_m, metres.curvature_per_m);
-        let circle_m = around_m(half.norm());
-        let worst_circle_m = around_m(half.norm() + position_error_m);
+        let circle_m = around_m(self.half_diagonal_m);
+        let worst_circle_m = around_m(self.half_diagonal_m + position_error_m);
         // Elsewhere on a curve some of its speed across the road is along it, and the other way round.
         let turned_rad = metres.sharpest_per_m * along_m;
-        let turned_mps = turned_rad * (velocity.y.abs() + turned_rad * speed_mps);
+        let turned_mps = turned_rad * (self.across_mps.abs() + turned_rad * speed_mps);
 
         let slow_mps = (speed_mps - speed_error_mps - turned_mps).max(0.0);
         let braking_s = age_s.min(slow_mps / settings.leader_brake_mps2);
@@ -118,27 +160,26 @@ impl Neighbour {
         let driven_m = way_m(fast_mps, settings.follower_accel_mps2);
         let farthest_m = way_m(fast_mps, settings.accel_max_mps2);
 
-        let heard_s = track.station.and_then(|station| track.seen_by(station));
-        let intends =
-            heard_s.is_some_and(|heard_s| now_s - heard_s <= settings.announcement_s + 1e-9);
+        let intends = (self.heard_s)
+            .is_some_and(|heard_s| now_s - heard_s <= settings.announcement_s + 1e-9);
 
-        let neighbour = Self {
-            id: track.id,
-            station: track.station,
+        let neighbour = Neighbour {
+            id: self.id,
+            station: self.station,
             // It may have stopped anywhere on the way between where it was and where it would be.
             lanes: lanes_of(
-                track,
+                self.lane,
                 road,
-                right_m.min(d_right_m),
-                left_m.max(d_left_m),
+                self.right_m.min(d_right_m),
+                self.left_m.max(d_left_m),
                 settings.lane_entry_m,
             ),
-            s_rear_m: rear_m + driven_so_far_m * metres.mean,
-            s_front_m: front_m + driven_so_far_m * metres.mean,
+            s_rear_m: self.rear_m + driven_so_far_m * metres.mean,
+            s_front_m: self.front_m + driven_so_far_m * metres.mean,
             d_right_m,
             d_left_m,
             speed_mps,
-            length_m: state.length_m,
+            length_m: self.length_m,
             reach_m: circle_m,
             worst_s_rear_m: center.s_m - worst_circle_m + braked_m * metres.least,
             worst_slow_mps: (slow_mps - settings.leader_brake_mps2 * age_s).max(0.0),
@@ -146,10 +187,46 @@ impl Neighbour {
             best_fast_mps: fast_mps + settings.accel_max_mps2 * age_s,
             worst_s_front_m: center.s_m + worst_circle_m + driven_m * metres.most,
             worst_fast_mps: fast_mps + settings.follower_accel_mps2 * age_s,
-            action: track.action.filter(|_| intends),
-            announced_s: track.announced_s.filter(|_| intends),
+            action: self.action.filter(|_| intends),
+            announced_s: self.announced_s.filter(|_| intends),
         };
         (now_s.is_finite() && neighbour.is_finite()).then_some(neighbour)
+    }
+}
+
+impl Neighbour {
+    /// Places a track on the road at time `now_s`; `None` where it is not finite.
+    pub fn from_track(
+        track: &Track,
+        road: &Road,
+        now_s: f64,
+        settings: &SafetySettings,
+    ) -> Option<Self> {
+        Measured::new(track, road).at(now_s, road, settings)
+    }
+
+    /// The same vehicle `by_m` farther along a road that repeats with that length.
+    #[must_use]
+    pub fn farther(self, by_m: f64) -> Self {
+        Self {
+            s_rear_m: self.s_rear_m + by_m,
+            s_front_m: self.s_front_m + by_m,
+            worst_s_rear_m: self.worst_s_rear_m + by_m,
+            best_s_rear_m: self.best_s_rear_m + by_m,
+            worst_s_front_m: self.worst_s_front_m + by_m,
+            ..self
+        }
+    }
+
+    /// The same vehicle for somebody whom it does not tell what it is about.
+    #[must_use]
+    pub fn untold(self) -> Self {
+        Self {
+            station: None,
+            action: None,
+            announced_s: None,
+            ..self
+        }
     }
 
     pub(crate) fn center_s_m(&self) -> f64 {
@@ -249,9 +326,15 @@ fn fold_s(points: &[FrenetPoint; 4], pick: fn(f64, f64) -> f64) -> f64 {
         .fold(points[0].s_m, pick)
 }
 
-fn lanes_of(track: &Track, road: &Road, right_m: f64, left_m: f64, entry_m: f64) -> LaneSet {
+fn lanes_of(
+    by_vision: Option<LaneIndex>,
+    road: &Road,
+    right_m: f64,
+    left_m: f64,
+    entry_m: f64,
+) -> LaneSet {
     let mut lanes = LaneSet::between(road, right_m, left_m, entry_m);
-    if let Some(lane) = track.lane {
+    if let Some(lane) = by_vision {
         let near = LaneSet::between(road, right_m, left_m, -VISION_LANE_REACH_M);
         if near.contains(lane) {
             lanes.insert(lane);

@@ -14,6 +14,7 @@ mod campaign;
 mod cause;
 mod cav;
 mod control_file;
+mod environment;
 mod evaluate;
 mod excuse;
 mod monitor;
@@ -23,6 +24,7 @@ mod senses;
 mod summary;
 mod tally;
 mod trace;
+mod training;
 mod truth;
 
 pub use bench_frames::{recorded_bench_frames, rendered_frames};
@@ -34,9 +36,17 @@ pub use campaign::{
 pub use cause::Cause;
 pub use control_file::{ControlFileError, load_control_settings};
 pub use covista_control::{ControlSettings, Mode as ControlMode, Solver};
+pub use covista_planner::learning::{
+    Algorithm, EpisodeReport, Hyperparameters, LearningError, RoundReport, Sharing, Trainer,
+    TrainingSettings, UpdateCost, update_cost,
+};
 pub use covista_sharing::{ChannelSettings, PoseNoise};
 pub use covista_traffic::{
-    Material, RingError, RingTiming, Scenario, Traffic, VehicleKind, time_ring,
+    Material, RingError, RingReport, RingSettings, RingTiming, Scenario, Traffic, VehicleKind,
+    time_ring,
+};
+pub use environment::{
+    RingEnvironment, RingEnvironmentError, RingEnvironmentSettings, RingSafety, RingTally,
 };
 pub use evaluate::{
     Bar, ClassEvaluation, CooperativeEvaluation, CooperativeRuns, DataOrigin, DetectorEvaluation,
@@ -54,4 +64,5 @@ pub use run::{
 pub use senses::Senses;
 pub use summary::{CavSummary, RunSummary, StageWallTimes};
 pub use trace::{TRACE_HEADER, TraceRow};
+pub use training::{TrainingConfig, TrainingError};
 pub use truth::{Lanes, TrueVehicle, closing_distance_m};

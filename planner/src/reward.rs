@@ -24,6 +24,8 @@ pub struct Reward {
     /// What the emergency stop costs: more than the best reward of a behaviour step, so that no
     /// policy gains by letting the controller brake for it.
     pub emergency_stop_penalty: f64,
+    /// What touching another vehicle costs, for those who learn without the promise.
+    pub collision_penalty: f64,
 }
 
 impl Default for Reward {
@@ -31,6 +33,7 @@ impl Default for Reward {
         Self {
             speed_weight: 0.1,
             emergency_stop_penalty: 10.0,
+            collision_penalty: 100.0,
         }
     }
 }

@@ -126,6 +126,11 @@ impl Ring {
         &self.vehicles
     }
 
+    /// Pairs of vehicles, by index, whose bodies overlap, as of the newest tenth of a second.
+    pub fn contacts(&self) -> &[(u32, u32)] {
+        &self.contacts
+    }
+
     /// Where somebody at `near_s_m` of the endless road sees a vehicle of this ring.
     pub fn image_near(&self, vehicle: &RingVehicle, near_s_m: f64) -> RingImage {
         let road = self.road.road();

@@ -120,21 +120,46 @@ impl Monitor {
         cavs: &[CavView<'_>],
         overlapping: impl IntoIterator<Item = (VehicleId, VehicleId)>,
     ) {
+        let first = self.begin(time_s, truth, overlapping);
+        for view in cavs {
+            self.watch(time_s, first, road, truth, view);
+        }
+    }
+
+    /// Takes up the motion of all vehicles at one step, before each CAV is watched; tells whether
+    /// this is the first step of all.
+    pub(crate) fn begin(
+        &mut self,
+        time_s: f64,
+        truth: &[TrueVehicle],
+        overlapping: impl IntoIterator<Item = (VehicleId, VehicleId)>,
+    ) -> bool {
         self.collisions.extend(overlapping);
-        let now = Instant {
-            time_s,
-            first: !std::mem::replace(&mut self.started, true),
-            road,
-            truth,
-        };
         for vehicle in truth {
             let motion = self.vehicles.entry(vehicle.id).or_default();
             motion.step(time_s, vehicle, &self.settings);
         }
-        for view in cavs {
-            if let Some(ego) = truth.iter().find(|vehicle| vehicle.id == view.id) {
-                self.observe_cav(&now, ego, view);
-            }
+        !std::mem::replace(&mut self.started, true)
+    }
+
+    /// Watches one CAV at a step, among the vehicles round it: itself and, on a ring, the others'
+    /// images nearest to it.
+    pub(crate) fn watch(
+        &mut self,
+        time_s: f64,
+        first: bool,
+        road: &Road,
+        truth: &[TrueVehicle],
+        view: &CavView<'_>,
+    ) {
+        let now = Instant {
+            time_s,
+            first,
+            road,
+            truth,
+        };
+        if let Some(ego) = truth.iter().find(|vehicle| vehicle.id == view.id) {
+            self.observe_cav(&now, ego, view);
         }
     }
 

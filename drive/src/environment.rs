@@ -1,0 +1,387 @@
+//! The closed loop on the three-lane ring, without sensors and networks: where policies learn and
+//! are compared.
+
+mod cav;
+mod knowledge;
+mod tally;
+mod view;
+mod watch;
+
+use std::sync::Arc;
+
+use covista_control::{ControlSettings, Manoeuvre, RoadProfile, SettingsError};
+use covista_planner::{
+    self as planner, InvalidObservation, Observation, OwnMotion, Reward,
+    learning::{
+        Environment, EnvironmentError, FeatureEncoder, GLOBAL_FEATURES, InvalidFeatures,
+        NEIGHBOUR_FEATURES, OWN_FEATURES, Outcome, Shape, Situations,
+    },
+};
+use covista_traffic::{Ring, RingError, RingSettings};
+use covista_world::{Action, ControlInput, Road, StationId};
+use serde::{Deserialize, Serialize};
+
+use cav::{RingCav, nearest_lane};
+use knowledge::{Hearing, Knowledge};
+pub use tally::RingTally;
+use watch::Watch;
+pub use watch::RingSafety;
+
+/// Steps of 0.01 s between two frames of perception and messages, and between two decisions.
+const FRAME_STEPS: u64 = 10;
+const BEHAVIOUR_STEPS: u64 = 50;
+const BEHAVIOUR_S: f64 = 0.5;
+
+/// Who drives on the ring, what they know and what they are rewarded for.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RingEnvironmentSettings {
+    /// The traffic.
+    pub ring: RingSettings,
+    /// The controller of every CAV.
+    pub control: ControlSettings,
+    /// Whether CAVs tell each other what they are about and whom they see.
+    pub sharing: bool,
+    /// How far their messages reach in metres, along the road.
+    pub communication_m: f64,
+    /// Most neighbours that are kept, K.
+    pub neighbours: usize,
+    /// Behaviour steps of an episode, 0.5 s each.
+    pub steps: u64,
+    /// The reward.
+    pub reward: Reward,
+    /// Whether a CAV that touches another vehicle ends the episode.
+    pub ends_at_collision: bool,
+    /// Whether the monitor looks on: [`RingEnvironment::safety`].
+    pub watched: bool,
+}
+
+impl Default for RingEnvironmentSettings {
+    fn default() -> Self {
+        Self {
+            ring: RingSettings {
+                cavs: 18,
+                ..RingSettings::default()
+            },
+            control: ControlSettings::default(),
+            sharing: true,
+            communication_m: 150.0,
+            neighbours: 6,
+            steps: 200,
+            reward: Reward::default(),
+            ends_at_collision: true,
+            watched: true,
+        }
+    }
+}
+
+/// Why the closed loop on the ring can't be set up or go on.
+#[derive(Debug, thiserror::Error)]
+pub enum RingEnvironmentError {
+    /// There is nobody to learn.
+    #[error("a ring without CAVs has nobody to decide; set ring.cavs to 1 or more")]
+    NoCavs,
+    /// An episode of no length.
+    #[error("an episode of 0 steps is none; set steps to 1 or more")]
+    NoSteps,
+    /// No range at all.
+    #[error("communication_m = {0} is no distance; set it to 0 m or more")]
+    Communication(f64),
+    /// The traffic.
+    #[error(transparent)]
+    Ring(#[from] RingError),
+    /// The controller.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
+    /// What a CAV knows.
+    #[error(transparent)]
+    Observation(#[from] InvalidObservation),
+    /// Its features.
+    #[error(transparent)]
+    Features(#[from] InvalidFeatures),
+}
+
+/// CAVs and human drivers on the three-lane ring, in closed loop: what each CAV sees and is told,
+/// its controller at 100 Hz, a decision every 0.5 s.
+///
+/// A CAV knows a vehicle when it has line of sight to it, or, with sharing, when it hears it or a
+/// CAV that has. What is known is exact as of the newest frame (10 Hz); `covista demo` has the
+/// errors of the networks, the tracker and the channel.
+pub struct RingEnvironment {
+    settings: RingEnvironmentSettings,
+    ring: Ring,
+    profile: RoadProfile,
+    cavs: Vec<RingCav>,
+    knowledge: Knowledge,
+    watch: Option<Watch>,
+    encoder: FeatureEncoder,
+    step: u64,
+    tally: RingTally,
+    // Storage of one step, used again in the next.
+    inputs: Vec<ControlInput>,
+    announced: Vec<(Action, f64)>,
+    speeds_mps: Vec<f64>,
+}
+
+impl RingEnvironment {
+    /// Sets the first episode up, with the seed of the ring's settings. The road is unrolled for
+    /// episodes of `settings.steps`.
+    ///
+    /// # Errors
+    /// When a setting makes no sense.
+    pub fn new(settings: RingEnvironmentSettings) -> Result<Self, RingEnvironmentError> {
+        let mut settings = settings;
+        if settings.ring.cavs == 0 {
+            return Err(RingEnvironmentError::NoCavs);
+        }
+        if settings.steps == 0 {
+            return Err(RingEnvironmentError::NoSteps);
+        }
+        if !(settings.communication_m >= 0.0) {
+            return Err(RingEnvironmentError::Communication(settings.communication_m));
+        }
+        settings.ring.duration_s = settings.steps as f64 * BEHAVIOUR_S;
+        settings.control.validate()?;
+        let ring = Ring::new(settings.ring)?;
+        let profile = RoadProfile::new(Arc::clone(ring.road().road()), &settings.control);
+        let mut environment = Self {
+            encoder: FeatureEncoder::new(Some(ring.road().period_m())),
+            cavs: Vec::new(),
+            knowledge: Knowledge::default(),
+            watch: None,
+            step: 0,
+            tally: RingTally::default(),
+            inputs: Vec::new(),
+            announced: Vec::new(),
+            speeds_mps: Vec::new(),
+            settings,
+            ring,
+            profile,
+        };
+        environment.start(settings.ring.seed)?;
+        Ok(environment)
+    }
+
+    /// What it was set up with.
+    pub fn settings(&self) -> &RingEnvironmentSettings {
+        &self.settings
+    }
+
+    /// The traffic, with its own figures.
+    pub fn ring(&self) -> &Ring {
+        &self.ring
+    }
+
+    /// What happened in this episode.
+    pub fn tally(&self) -> RingTally {
+        self.tally
+    }
+
+    /// What the monitor found in this episode, where it looks on.
+    pub fn safety(&self) -> Option<RingSafety> {
+        self.watch.as_ref().map(Watch::safety)
+    }
+
+    /// The encoder, which counts how often K neighbours were too few.
+    pub fn encoder(&self) -> &FeatureEncoder {
+        &self.encoder
+    }
+
+    fn start(&mut self, seed: u64) -> Result<(), RingEnvironmentError> {
+        self.ring.reset(seed)?;
+        (self.step, self.tally) = (0, RingTally::default());
+        let settings = &self.settings;
+        self.watch = (settings.watched).then(|| Watch::new(settings.control.safety));
+        let road = self.ring.road().road();
+        self.cavs.clear();
+        for vehicle in &self.ring.vehicles()[..settings.ring.cavs] {
+            self.cavs.push(RingCav::new(vehicle, road, settings.control)?);
+        }
+        self.frame();
+        self.carry_on();
+        Ok(())
+    }
+
+    /// One behaviour step: everybody's actions, then 0.5 s of the closed loop.
+    fn drive(&mut self, actions: &[Action], outcome: &mut Outcome) -> Result<(), RingEnvironmentError> {
+        let time_s = self.ring.time_s();
+        self.speeds_mps.clear();
+        self.speeds_mps.extend(self.ring.vehicles().iter().map(|vehicle| vehicle.speed_mps));
+        for (cav, &action) in self.cavs.iter_mut().zip(actions) {
+            self.tally.decides(cav, action);
+            let was_changing = is_changing(cav.manoeuvre());
+            cav.set_action(action, time_s);
+            self.tally.lane_changes += u64::from(!was_changing && is_changing(cav.manoeuvre()));
+        }
+        let last = self.step + BEHAVIOUR_STEPS;
+        while self.step < last && !outcome.is_over {
+            self.control_step()?;
+            self.note_collisions(outcome);
+        }
+        outcome.is_over |= self.step >= self.settings.steps * BEHAVIOUR_STEPS;
+        for (index, (cav, &action)) in self.cavs.iter().zip(actions).enumerate() {
+            let accel_mps2 = (cav.state.speed_mps - self.speeds_mps[index]) / BEHAVIOUR_S;
+            let reward = &self.settings.reward;
+            let mut r = reward.of(cav.state.speed_mps, accel_mps2, action);
+            if outcome.terminated[index] {
+                r -= reward.collision_penalty;
+            }
+            outcome.rewards[index] = r as f32;
+            self.tally.reward += r;
+        }
+        self.tally.ends(&self.ring, actions, &self.speeds_mps);
+        Ok(())
+    }
+
+    fn control_step(&mut self) -> Result<(), RingEnvironmentError> {
+        let time_s = self.ring.time_s();
+        self.inputs.clear();
+        for cav in &mut self.cavs {
+            self.inputs.push(cav.control(time_s, &self.profile));
+            self.tally.controls(cav);
+        }
+        if let Some(watch) = &mut self.watch {
+            watch.step(&self.ring, &self.cavs, &self.profile);
+        }
+        self.ring.step(&self.inputs)?;
+        self.step += 1;
+        let road = self.ring.road().road();
+        for (cav, vehicle) in self.cavs.iter_mut().zip(self.ring.vehicles()) {
+            cav.moves(vehicle, road);
+        }
+        if self.step.is_multiple_of(FRAME_STEPS) {
+            self.frame();
+        }
+        self.carry_on();
+        Ok(())
+    }
+
+    /// A frame: everybody looks, and tells what they see and do.
+    fn frame(&mut self) {
+        let (ring, safety) = (&self.ring, &self.settings.control.safety);
+        let time_s = ring.time_s();
+        self.announced.clear();
+        self.announced.extend(self.cavs.iter().map(|cav| cav.announced));
+        let hearing = Hearing {
+            sharing: self.settings.sharing,
+            range_m: self.settings.communication_m,
+        };
+        self.knowledge.frame(ring, &self.announced, hearing);
+        for (index, cav) in self.cavs.iter_mut().enumerate() {
+            let seen = self.knowledge.look(index, ring, &self.profile, safety);
+            cav.sight.update(&seen, time_s, safety);
+        }
+        for (index, cav) in self.cavs.iter_mut().enumerate() {
+            self.knowledge.known(index, ring, &mut cav.known);
+        }
+        if let Some(watch) = &mut self.watch {
+            watch.frame(ring, &self.cavs, &self.knowledge);
+        }
+    }
+
+    /// Brings what everybody knows to the present.
+    fn carry_on(&mut self) {
+        let safety = &self.settings.control.safety;
+        self.knowledge.carry_on(&self.profile, self.ring.time_s(), safety);
+        for cav in &mut self.cavs {
+            self.knowledge.neighbours(&cav.known, &mut cav.neighbours);
+        }
+    }
+
+    fn note_collisions(&self, outcome: &mut Outcome) {
+        if !self.settings.ends_at_collision {
+            return;
+        }
+        for &(one, other) in self.ring.contacts() {
+            for index in [one as usize, other as usize] {
+                if let Some(terminated) = outcome.terminated.get_mut(index) {
+                    *terminated = true;
+                    outcome.is_over = true;
+                }
+            }
+        }
+    }
+
+    fn observe(&mut self, situations: &mut Situations) -> Result<(), RingEnvironmentError> {
+        let (road, time_s) = (self.ring.road().road(), self.ring.time_s());
+        let count = self.cavs.len() as u32;
+        self.knowledge.observe(&self.ring)?;
+        for (index, cav) in self.cavs.iter_mut().enumerate() {
+            cav.consider(time_s, &self.profile);
+            let own = OwnMotion {
+                state: cav.state,
+                dimensions: cav.dimensions,
+                lane: nearest_lane(road, cav.frenet.d_m),
+                desired_speed_mps: cav.desired_speed_mps,
+                manoeuvre: phase(cav.manoeuvre(), road, cav.frenet.d_m),
+            };
+            let observation = Observation {
+                neighbours: self.knowledge.observed(&cav.known),
+                ..Observation::new(road, &own, &[])?
+            };
+            let mut row = situations.get_mut(index);
+            let agent_of = |station: StationId| Some(station.0 - 1).filter(|agent| *agent < count);
+            self.encoder.encode(&observation, agent_of, &mut row)?;
+            (*row.legal, *row.safe) = (cav.options.legal, cav.options.safe);
+        }
+        Ok(())
+    }
+}
+
+impl Environment for RingEnvironment {
+    fn shape(&self) -> Shape {
+        Shape {
+            agents: self.settings.ring.cavs,
+            own: OWN_FEATURES,
+            neighbours: self.settings.neighbours,
+            neighbour: NEIGHBOUR_FEATURES,
+            global: GLOBAL_FEATURES,
+        }
+    }
+
+    fn reset(&mut self, seed: u64, situations: &mut Situations) -> Result<(), EnvironmentError> {
+        self.start(seed)
+            .and_then(|()| self.observe(situations))
+            .map_err(|source| failed(format!("to start episode {seed}"), source))
+    }
+
+    fn step(
+        &mut self,
+        actions: &[Action],
+        outcome: &mut Outcome,
+        situations: &mut Situations,
+    ) -> Result<(), EnvironmentError> {
+        let time_s = self.ring.time_s();
+        self.drive(actions, outcome)
+            .and_then(|()| self.observe(situations))
+            .map_err(|source| failed(format!("at {time_s:.1} s"), source))
+    }
+}
+
+fn failed(when: String, source: RingEnvironmentError) -> EnvironmentError {
+    EnvironmentError {
+        when,
+        source: Box::new(source),
+    }
+}
+
+fn is_changing(manoeuvre: Manoeuvre) -> bool {
+    matches!(manoeuvre.action(), Action::ChangeLeft | Action::ChangeRight)
+}
+
+/// The running manoeuvre in the planner's words.
+fn phase(manoeuvre: Manoeuvre, road: &Road, d_m: f64) -> planner::Manoeuvre {
+    let (from, to) = match manoeuvre {
+        Manoeuvre::ChangeLane { from, to, .. } => (from, to),
+        Manoeuvre::Abort { from, back } => (from, back),
+        Manoeuvre::KeepLane { .. } | Manoeuvre::Announced { .. } => {
+            return planner::Manoeuvre::KeepingLane;
+        }
+    };
+    let (start, end) = (road.lane_center_m(from), road.lane_center_m(to));
+    planner::Manoeuvre::ChangingLane {
+        from,
+        to,
+        progress: ((d_m - start) / (end - start)).clamp(0.0, 1.0),
+    }
+}

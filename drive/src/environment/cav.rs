@@ -1,0 +1,145 @@
+use covista_control::{
+    ControlSettings, Controller, EgoState, Manoeuvre, Neighbour, RoadProfile, SettingsError,
+    SightLine, Situation,
+};
+use covista_planner::learning::{ActionSet, Options};
+use covista_traffic::RingVehicle;
+use covista_world::{
+    Action, ActionVerdict, BicycleState, ControlInput, FilterOutcome, FrenetPose, LANE_COUNT,
+    LaneIndex, Road, StationId, VehicleDimensions,
+};
+
+use super::knowledge::Known;
+
+/// One CAV of a ring: what it knows, and its controller.
+pub(super) struct RingCav {
+    pub station: StationId,
+    pub dimensions: VehicleDimensions,
+    pub desired_speed_mps: f64,
+    pub state: BicycleState,
+    pub frenet: FrenetPose,
+    pub sight: SightLine,
+    /// Whom it knows of, as of the newest frame.
+    pub known: Vec<Known>,
+    /// Those, as of now.
+    pub neighbours: Vec<Neighbour>,
+    /// What it tells the others to be about, and since when in seconds.
+    pub announced: (Action, f64),
+    /// Its legal and its safe actions at the newest behaviour step.
+    pub options: Options,
+    pub outcome: FilterOutcome,
+    pub input: ControlInput,
+    controller: Controller,
+}
+
+impl RingCav {
+    pub fn new(vehicle: &RingVehicle, road: &Road, settings: ControlSettings) -> Result<Self, SettingsError> {
+        let frenet = vehicle.frenet();
+        Ok(Self {
+            station: StationId(vehicle.id.0),
+            dimensions: vehicle.dimensions(),
+            desired_speed_mps: vehicle.desired_speed_mps,
+            state: vehicle.state(road),
+            frenet,
+            sight: SightLine::new([f64::NEG_INFINITY; LANE_COUNT as usize], 0.0),
+            known: Vec::new(),
+            neighbours: Vec::new(),
+            announced: (Action::KeepLane, 0.0),
+            options: Options {
+                legal: ActionSet::EMPTY,
+                safe: ActionSet::EMPTY,
+            },
+            outcome: FilterOutcome::Nominal,
+            input: ControlInput::default(),
+            controller: Controller::new(settings, nearest_lane(road, frenet.d_m))?,
+        })
+    }
+
+    pub fn manoeuvre(&self) -> Manoeuvre {
+        self.controller.manoeuvre()
+    }
+
+    /// Takes up where it has come to.
+    pub fn moves(&mut self, vehicle: &RingVehicle, road: &Road) {
+        (self.state, self.frenet) = (vehicle.state(road), vehicle.frenet());
+    }
+
+    /// Looks up the actions that mean something now, and those of them that are safe (Alg. 1).
+    pub fn consider(&mut self, time_s: f64, profile: &RoadProfile) {
+        let legal: ActionSet = match self.manoeuvre() {
+            Manoeuvre::ChangeLane { .. } | Manoeuvre::Abort { .. } => {
+                [Action::KeepLane, self.manoeuvre().action()].into_iter().collect()
+            }
+            Manoeuvre::KeepLane { .. } | Manoeuvre::Announced { .. } => {
+                let lane = nearest_lane(profile.road(), self.frenet.d_m);
+                let left = lane.left().map(|_| Action::ChangeLeft);
+                let right = lane.right().map(|_| Action::ChangeRight);
+                [Some(Action::KeepLane), left, right].into_iter().flatten().collect()
+            }
+        };
+        let situation = self.situation(time_s, profile);
+        let safe = legal.iter().filter(|&action| {
+            self.controller.safe_verdict(&situation, action) == ActionVerdict::Safe
+        });
+        self.options = Options {
+            legal,
+            safe: safe.collect(),
+        };
+    }
+
+    pub fn set_action(&mut self, action: Action, time_s: f64) {
+        self.controller.set_action(action, time_s);
+        self.announce(time_s);
+    }
+
+    pub fn control(&mut self, time_s: f64, profile: &RoadProfile) -> ControlInput {
+        let situation = Situation {
+            profile,
+            ego: self.ego(),
+            neighbours: &self.neighbours,
+            sight: &self.sight,
+            time_s,
+            desired_speed_mps: self.desired_speed_mps,
+        };
+        let output = self.controller.control(&situation);
+        (self.outcome, self.input) = (output.outcome, output.u);
+        self.announce(time_s);
+        output.u
+    }
+
+    fn announce(&mut self, time_s: f64) {
+        let action = self.controller.manoeuvre().action();
+        if action != self.announced.0 {
+            self.announced = (action, time_s);
+        }
+    }
+
+    fn ego(&self) -> EgoState {
+        EgoState {
+            station: self.station,
+            state: self.state,
+            dimensions: self.dimensions,
+            frenet: self.frenet,
+        }
+    }
+
+    fn situation<'a>(&'a self, time_s: f64, profile: &'a RoadProfile) -> Situation<'a> {
+        Situation {
+            profile,
+            ego: self.ego(),
+            neighbours: &self.neighbours,
+            sight: &self.sight,
+            time_s,
+            desired_speed_mps: self.desired_speed_mps,
+        }
+    }
+}
+
+/// The lane that holds the offset `d_m`; beside the road, the nearest one.
+pub(super) fn nearest_lane(road: &Road, d_m: f64) -> LaneIndex {
+    road.lane_at(d_m).unwrap_or(if d_m > 0.0 {
+        LaneIndex::LEFTMOST
+    } else {
+        LaneIndex::RIGHTMOST
+    })
+}
