@@ -1,21 +1,24 @@
-//! `covista train`: the safe actor-critic and its baselines on the three-lane loop.
+//! `covista train`: the safe actor-critic and its baselines on the three-lane ring.
 
-use std::{fmt::Write as _, path::Path};
+mod curve;
+
+use std::time::Instant;
 
 use anyhow::Context;
-use covista_drive::{RingEnvironment, RoundReport, Trainer, TrainingConfig};
+use covista_drive::{RingEnvironment, Trainer, TrainingConfig};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 
 use crate::{
     cli::TrainArgs,
-    output::{prepare_folder, say, write_json, write_whole},
+    output::{prepare_folder, say, write_json},
 };
+use curve::{Curve, CurveRow};
 
 /// Rounds between two checkpoints.
 const CHECKPOINT_ROUNDS: u64 = 5;
-const CURVE_HEADER: &str =
-    "round,reward,unsafe_actions,emergency_stops,lane_changes,updates,critic_loss,value\n";
+/// The episode after the training has a seed that no round has.
+const UNSEEN: u64 = 0xE7A1;
 
 /// `covista train`.
 pub fn run(args: &TrainArgs) -> anyhow::Result<()> {
@@ -25,17 +28,13 @@ pub fn run(args: &TrainArgs) -> anyhow::Result<()> {
     };
     prepare_folder(&args.out)?;
     let checkpoint = args.out.join("checkpoint.safetensors");
-    let curve_file = args.out.join("curve.csv");
     let goes_on = args.resume && checkpoint.exists();
-    let mut trainer = if goes_on {
-        config.resume(&checkpoint)?
+    let (mut trainer, mut curve) = if goes_on {
+        let trainer = config.resume(&checkpoint)?;
+        let curve = Curve::load(&args.out, trainer.rounds())?;
+        (trainer, curve)
     } else {
-        config.start()?
-    };
-    let mut curve = if goes_on {
-        first_rounds(&curve_file, trainer.rounds())?
-    } else {
-        CURVE_HEADER.to_owned()
+        (config.start()?, Curve::default())
     };
     let episodes = args.episodes.get();
     let bar = ProgressBar::new(episodes).with_position(trainer.rounds());
@@ -44,6 +43,7 @@ pub fn run(args: &TrainArgs) -> anyhow::Result<()> {
     }
     bar.tick();
     while trainer.rounds() < episodes {
+        let start = Instant::now();
         let report = match trainer.train_round() {
             Ok(report) => report,
             Err(error) => {
@@ -53,87 +53,46 @@ pub fn run(args: &TrainArgs) -> anyhow::Result<()> {
                 return Err(error).with_context(|| format!("stopped; the state is in {place}"));
             }
         };
-        let reward = mean_reward(&report);
-        let row = CurveRow::new(trainer.rounds(), &report);
-        row.write(&mut curve)?;
+        let row = CurveRow::new(trainer.rounds(), &report, trainer.environments());
+        let steps: u64 = report.episodes.iter().map(|episode| episode.steps).sum();
         bar.set_message(format!(
-            "reward {reward:.1}, {} unsafe actions, {} updates",
-            row.unsafe_actions, row.updates
+            "reward {:.1}, {:.0} steps/s, {} unsafe actions",
+            row.reward,
+            steps as f64 / start.elapsed().as_secs_f64(),
+            row.unsafe_actions
         ));
+        curve.push(row);
         bar.set_position(trainer.rounds());
         if trainer.rounds() % CHECKPOINT_ROUNDS == 0 || trainer.rounds() == episodes {
-            keep(&trainer, &config, &args.out, &curve)?;
+            keep(&trainer, &config, args, &curve)?;
         }
     }
     bar.finish_and_clear();
-    let report = trainer.evaluate(config.training.seed ^ 0xE7A1)?;
+    let report = trainer.evaluate(config.training.seed ^ UNSEEN)?;
+    let row = CurveRow::new(trainer.rounds(), &report, trainer.environments());
     say(&format!(
-        "trained {} rounds; without exploration, on another episode: reward {:.2} a CAV, {} unsafe actions, {} emergency stops\nwritten to {}",
+        "trained {} rounds; without exploration, in another episode: reward {:.1} a CAV, {:.2} m/s, comfort {:.3}, {} unsafe actions, {} emergency stops, {} lane changes\nwritten to {}",
         trainer.rounds(),
-        mean_reward(&report),
-        report.episodes.iter().map(|episode| episode.unsafe_actions).sum::<u64>(),
-        report.episodes.iter().map(|episode| episode.emergency_stops).sum::<u64>(),
+        row.reward,
+        row.mean_velocity_mps,
+        row.comfort,
+        row.unsafe_actions,
+        row.emergency_stops,
+        row.lane_changes,
         args.out.display()
     ))
 }
 
-/// One line of the learning curve.
-struct CurveRow {
-    round: u64,
-    reward: f64,
-    unsafe_actions: u64,
-    emergency_stops: u64,
-    lane_changes: u64,
-    updates: u64,
-    critic_loss: f64,
-    value: f64,
-}
-
-impl CurveRow {
-    fn new(round: u64, report: &RoundReport) -> Self {
-        let sum = |of: fn(&covista_drive::EpisodeReport) -> u64| report.episodes.iter().map(of).sum();
-        Self {
-            round,
-            reward: mean_reward(report),
-            unsafe_actions: sum(|episode| episode.unsafe_actions),
-            emergency_stops: sum(|episode| episode.emergency_stops),
-            lane_changes: sum(|episode| episode.lane_changes),
-            updates: report.updates.updates,
-            critic_loss: report.updates.critic_loss,
-            value: report.updates.value,
-        }
-    }
-
-    fn write(&self, curve: &mut String) -> std::fmt::Result {
-        writeln!(
-            curve,
-            "{},{:.4},{},{},{},{},{:.6},{:.4}",
-            self.round,
-            self.reward,
-            self.unsafe_actions,
-            self.emergency_stops,
-            self.lane_changes,
-            self.updates,
-            self.critic_loss,
-            self.value
-        )
-    }
-}
-
-fn mean_reward(report: &RoundReport) -> f64 {
-    let sum: f64 = report.episodes.iter().map(|episode| episode.reward).sum();
-    sum / report.episodes.len().max(1) as f64
-}
-
+/// Writes all that is needed to go on, to drive and to look at.
 fn keep(
     trainer: &Trainer<RingEnvironment>,
     config: &TrainingConfig,
-    out: &Path,
-    curve: &str,
+    args: &TrainArgs,
+    curve: &Curve,
 ) -> anyhow::Result<()> {
-    trainer.save(&out.join("checkpoint.safetensors"))?;
-    trainer.save_policy(&out.join("policy.safetensors"))?;
-    write_whole(&out.join("curve.csv"), curve.as_bytes())?;
+    trainer.save(&args.out.join("checkpoint.safetensors"))?;
+    trainer.save_policy(&args.out.join("policy.safetensors"))?;
+    curve.save(&args.out)?;
     let settings = json!({
         "command": "train",
         "version": env!("CARGO_PKG_VERSION"),
@@ -142,16 +101,5 @@ fn keep(
         "environment": config.environment,
         "training": trainer.settings(),
     });
-    write_json(&out.join("settings.json"), &settings)
-}
-
-/// The learning curve up to the round of the checkpoint.
-fn first_rounds(file: &Path, rounds: u64) -> anyhow::Result<String> {
-    let text = std::fs::read_to_string(file)
-        .with_context(|| format!("cannot read {}; leave out --resume to begin anew", file.display()))?;
-    Ok(text
-        .lines()
-        .take(1 + rounds as usize)
-        .map(|line| format!("{line}\n"))
-        .collect())
+    write_json(&args.out.join("settings.json"), &settings)
 }

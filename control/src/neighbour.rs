@@ -160,8 +160,8 @@ impl Measured {
         let driven_m = way_m(fast_mps, settings.follower_accel_mps2);
         let farthest_m = way_m(fast_mps, settings.accel_max_mps2);
 
-        let intends = (self.heard_s)
-            .is_some_and(|heard_s| now_s - heard_s <= settings.announcement_s + 1e-9);
+        let intends =
+            (self.heard_s).is_some_and(|heard_s| now_s - heard_s <= settings.announcement_s + 1e-9);
 
         let neighbour = Neighbour {
             id: self.id,

@@ -24,8 +24,8 @@ use serde::{Deserialize, Serialize};
 use cav::{RingCav, nearest_lane};
 use knowledge::{Hearing, Knowledge};
 pub use tally::RingTally;
-use watch::Watch;
 pub use watch::RingSafety;
+use watch::Watch;
 
 /// Steps of 0.01 s between two frames of perception and messages, and between two decisions.
 const FRAME_STEPS: u64 = 10;
@@ -138,7 +138,9 @@ impl RingEnvironment {
             return Err(RingEnvironmentError::NoSteps);
         }
         if !(settings.communication_m >= 0.0) {
-            return Err(RingEnvironmentError::Communication(settings.communication_m));
+            return Err(RingEnvironmentError::Communication(
+                settings.communication_m,
+            ));
         }
         settings.ring.duration_s = settings.steps as f64 * BEHAVIOUR_S;
         settings.control.validate()?;
@@ -195,7 +197,8 @@ impl RingEnvironment {
         let road = self.ring.road().road();
         self.cavs.clear();
         for vehicle in &self.ring.vehicles()[..settings.ring.cavs] {
-            self.cavs.push(RingCav::new(vehicle, road, settings.control)?);
+            self.cavs
+                .push(RingCav::new(vehicle, road, settings.control)?);
         }
         self.frame();
         self.carry_on();
@@ -203,10 +206,15 @@ impl RingEnvironment {
     }
 
     /// One behaviour step: everybody's actions, then 0.5 s of the closed loop.
-    fn drive(&mut self, actions: &[Action], outcome: &mut Outcome) -> Result<(), RingEnvironmentError> {
+    fn drive(
+        &mut self,
+        actions: &[Action],
+        outcome: &mut Outcome,
+    ) -> Result<(), RingEnvironmentError> {
         let time_s = self.ring.time_s();
         self.speeds_mps.clear();
-        self.speeds_mps.extend(self.ring.vehicles().iter().map(|vehicle| vehicle.speed_mps));
+        self.speeds_mps
+            .extend(self.ring.vehicles().iter().map(|vehicle| vehicle.speed_mps));
         for (cav, &action) in self.cavs.iter_mut().zip(actions) {
             self.tally.decides(cav, action);
             let was_changing = is_changing(cav.manoeuvre());
@@ -261,7 +269,8 @@ impl RingEnvironment {
         let (ring, safety) = (&self.ring, &self.settings.control.safety);
         let time_s = ring.time_s();
         self.announced.clear();
-        self.announced.extend(self.cavs.iter().map(|cav| cav.announced));
+        self.announced
+            .extend(self.cavs.iter().map(|cav| cav.announced));
         let hearing = Hearing {
             sharing: self.settings.sharing,
             range_m: self.settings.communication_m,
@@ -282,7 +291,8 @@ impl RingEnvironment {
     /// Brings what everybody knows to the present.
     fn carry_on(&mut self) {
         let safety = &self.settings.control.safety;
-        self.knowledge.carry_on(&self.profile, self.ring.time_s(), safety);
+        self.knowledge
+            .carry_on(&self.profile, self.ring.time_s(), safety);
         for cav in &mut self.cavs {
             self.knowledge.neighbours(&cav.known, &mut cav.neighbours);
         }
@@ -385,3 +395,6 @@ fn phase(manoeuvre: Manoeuvre, road: &Road, d_m: f64) -> planner::Manoeuvre {
         progress: ((d_m - start) / (end - start)).clamp(0.0, 1.0),
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -56,7 +56,7 @@ pub use evaluate::{
     evaluate_cooperative, evaluate_detector, evaluate_fusion, evaluate_lanes, figures_by_distance,
     fit_errors, perceive_dataset, perceive_scenario,
 };
-pub use monitor::{CavView, Distributions, Histogram, Monitor, TrueBarriers};
+pub use monitor::{CavView, Distributions, Histogram, Monitor, PlacedTrack, TrueBarriers};
 pub use recorded::{FittedPicture, Lacking, RecordedError, calibration_of};
 pub use run::{
     CavSnapshot, FocusSnapshot, Observe, RecordError, RunConfig, RunError, Snapshot, run,

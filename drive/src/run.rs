@@ -18,7 +18,7 @@ use nalgebra::Point3;
 
 use crate::{
     cav::{Cav, Odometry},
-    monitor::{CavView, Monitor},
+    monitor::{CavView, Monitor, PlacedTrack},
     senses::{Sensed, Senses},
     summary::RunSummary,
     tally::Tally,
@@ -321,7 +321,12 @@ impl<'a> Loop<'a> {
         if step.is_multiple_of(TRACE_STEPS) {
             self.watch_sight(time_s, &truth);
         }
-        let tracks: Vec<Vec<Track>> = self.cavs.iter().map(|cav| cav.tracks(time_s)).collect();
+        let road = self.traffic.road();
+        let placed = |cav: &Cav| -> Vec<PlacedTrack> {
+            let tracks = cav.tracks(time_s).into_iter();
+            tracks.map(|track| PlacedTrack::new(track, road)).collect()
+        };
+        let tracks: Vec<Vec<PlacedTrack>> = self.cavs.iter().map(placed).collect();
         let views: Vec<CavView<'_>> = self
             .cavs
             .iter()

@@ -68,9 +68,9 @@ impl TrainingConfig {
             source,
         })?;
         toml::from_str(&text).map_err(|error| {
-            let line = error
-                .span()
-                .map_or(1, |span| 1 + text[..span.start.min(text.len())].matches('\n').count());
+            let line = error.span().map_or(1, |span| {
+                1 + text[..span.start.min(text.len())].matches('\n').count()
+            });
             let message = error.message().lines().collect::<Vec<_>>().join(" ");
             TrainingError::Syntax {
                 path: path.to_owned(),

@@ -9,6 +9,7 @@
 //! - `bench`: the benchmarks, their table and rows;
 //! - `cooperative`: what CAVs know alone and with sharing, on exact percepts;
 //! - `statistical`: the error model against the networks, and in the closed loop;
+//! - `train`: training, its files and going on with it;
 //! - `errors`: bad input, one clear line and exit code 2.
 
 #![allow(
@@ -27,4 +28,5 @@ mod fusion;
 mod networks;
 mod provider;
 mod statistical;
+mod train;
 mod workspace;

@@ -11,6 +11,7 @@ mod error;
 mod frames;
 mod hull;
 mod layout;
+mod learning;
 mod objects;
 mod open;
 mod palette;
@@ -25,6 +26,7 @@ mod series;
 
 pub use error::ViewerError;
 pub use frames::FrameRecording;
+pub use learning::record_learning_curve;
 pub use open::open_viewer;
 pub use plots::{
     FrontierPanel, FrontierPoint, FrontierSeries, RunSeries, VehicleSample, VehicleSeries,

@@ -3,7 +3,7 @@ use covista_control::{
     SightLine, Situation,
 };
 use covista_traffic::{VehicleId, VehicleKind};
-use covista_world::{Action, ActionVerdict, LANE_COUNT, LaneIndex, Road, STEP_S, StationId, Track};
+use covista_world::{Action, ActionVerdict, LANE_COUNT, LaneIndex, Road, STEP_S, StationId};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
@@ -19,7 +19,7 @@ use super::{
     tally::Tally,
     watch::{Judged, Watch},
 };
-use crate::{CavView, Monitor, TrueVehicle};
+use crate::{CavView, Monitor, PlacedTrack, TrueVehicle};
 
 const STATION: StationId = StationId(1);
 /// Steps between two behaviour decisions.
@@ -53,7 +53,7 @@ pub(super) struct Episode<'a> {
     /// For each other vehicle since when the ego vehicle has been coming into its lane before it.
     merging_since: Vec<Option<usize>>,
     wish: Action,
-    tracks: Vec<Track>,
+    tracks: Vec<PlacedTrack>,
     neighbours: Vec<Neighbour>,
 }
 
@@ -210,7 +210,7 @@ impl<'a> Episode<'a> {
             );
             let neighbour = self.scenario.estimate.neighbour(&track, road, settings);
             self.neighbours.extend(neighbour);
-            self.tracks.push(track);
+            self.tracks.push(PlacedTrack::new(track, road));
         }
     }
 

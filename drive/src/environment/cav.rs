@@ -33,7 +33,11 @@ pub(super) struct RingCav {
 }
 
 impl RingCav {
-    pub fn new(vehicle: &RingVehicle, road: &Road, settings: ControlSettings) -> Result<Self, SettingsError> {
+    pub fn new(
+        vehicle: &RingVehicle,
+        road: &Road,
+        settings: ControlSettings,
+    ) -> Result<Self, SettingsError> {
         let frenet = vehicle.frenet();
         Ok(Self {
             station: StationId(vehicle.id.0),
@@ -68,13 +72,18 @@ impl RingCav {
     pub fn consider(&mut self, time_s: f64, profile: &RoadProfile) {
         let legal: ActionSet = match self.manoeuvre() {
             Manoeuvre::ChangeLane { .. } | Manoeuvre::Abort { .. } => {
-                [Action::KeepLane, self.manoeuvre().action()].into_iter().collect()
+                [Action::KeepLane, self.manoeuvre().action()]
+                    .into_iter()
+                    .collect()
             }
             Manoeuvre::KeepLane { .. } | Manoeuvre::Announced { .. } => {
                 let lane = nearest_lane(profile.road(), self.frenet.d_m);
                 let left = lane.left().map(|_| Action::ChangeLeft);
                 let right = lane.right().map(|_| Action::ChangeRight);
-                [Some(Action::KeepLane), left, right].into_iter().flatten().collect()
+                [Some(Action::KeepLane), left, right]
+                    .into_iter()
+                    .flatten()
+                    .collect()
             }
         };
         let situation = self.situation(time_s, profile);

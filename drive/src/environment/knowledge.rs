@@ -1,9 +1,7 @@
 use covista_control::{Measured, Neighbour, RoadProfile, SafetySettings, SightLine};
 use covista_planner::{self as planner, InvalidObservation, Observation, OwnMotion};
 use covista_traffic::{Ring, RingVehicle};
-use covista_world::{
-    Action, BicycleState, LaneIndex, ObjectState, Sighting, StationId, Track,
-};
+use covista_world::{Action, BicycleState, LaneIndex, ObjectState, Sighting, StationId, Track};
 
 use super::view::{Shape, free_lanes, is_seen};
 

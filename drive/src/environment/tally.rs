@@ -35,6 +35,11 @@ pub struct RingTally {
 }
 
 impl RingTally {
+    /// The comfort of all vehicles' behaviour steps; zero before the first.
+    pub fn mean_comfort(&self) -> f64 {
+        self.comfort / self.behaviour_steps.max(1) as f64
+    }
+
     pub(super) fn decides(&mut self, cav: &RingCav, action: Action) {
         let is_allowed = cav.options.safe.contains(action) || action == Action::EmergencyStop;
         self.decisions += 1;
@@ -53,7 +58,8 @@ impl RingTally {
         for (index, vehicle) in ring.vehicles().iter().enumerate() {
             let own = actions.get(index).copied();
             let accel_mps2 = (vehicle.speed_mps - before_mps[index]) / BEHAVIOUR_S;
-            let comfort = planner::comfort(accel_mps2, own.unwrap_or_else(|| human_action(vehicle)));
+            let comfort =
+                planner::comfort(accel_mps2, own.unwrap_or_else(|| human_action(vehicle)));
             self.comfort += comfort;
             self.behaviour_steps += 1;
             if own.is_some() {

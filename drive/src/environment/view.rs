@@ -20,9 +20,11 @@ impl Shape {
         let corners = [(x, y), (x, -y), (-x, -y), (-x, y)]
             .map(|(x, y)| [s_m + x * cos - y * sin, d_m + x * sin + y * cos]);
         let range = |axis: usize| {
-            corners.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |range, corner| {
-                [range[0].min(corner[axis]), range[1].max(corner[axis])]
-            })
+            corners
+                .iter()
+                .fold([f64::INFINITY, f64::NEG_INFINITY], |range, corner| {
+                    [range[0].min(corner[axis]), range[1].max(corner[axis])]
+                })
         };
         Self {
             corners,
@@ -79,7 +81,8 @@ impl Shape {
 /// Whether body `index` is seen from `eye`: its middle or a corner, past all the others.
 pub(super) fn is_seen(eye: [f64; 2], bodies: &[Shape], index: usize) -> bool {
     let body = &bodies[index];
-    let middle = [0, 1].map(|axis| body.corners.iter().map(|corner| corner[axis]).sum::<f64>() / 4.0);
+    let middle =
+        [0, 1].map(|axis| body.corners.iter().map(|corner| corner[axis]).sum::<f64>() / 4.0);
     body.corners.into_iter().chain([middle]).any(|point| {
         let past = |(other, shape): (usize, &Shape)| other == index || !shape.hides(eye, point);
         bodies.iter().enumerate().all(past)
@@ -136,7 +139,10 @@ pub(super) fn free_lanes(
 
 /// Where the shadow of `body` first falls on a strip beside it.
 fn shadow_m(eye: [f64; 2], body: &Shape, strip: [f64; 2]) -> f64 {
-    let lines = body.corners.iter().flat_map(|corner| strip.map(|edge_m| (corner, edge_m)));
+    let lines = body
+        .corners
+        .iter()
+        .flat_map(|corner| strip.map(|edge_m| (corner, edge_m)));
     lines
         .filter_map(|([s_m, d_m], edge_m)| {
             let (ahead_m, across_m) = (s_m - eye[0], d_m - eye[1]);
@@ -156,7 +162,12 @@ mod tests {
 
     #[test]
     fn what_stands_behind_another_is_hidden() {
-        let bodies = [car(20.0, 0.0), car(40.0, 0.0), car(40.0, 3.5), car(-20.0, 0.0)];
+        let bodies = [
+            car(20.0, 0.0),
+            car(40.0, 0.0),
+            car(40.0, 3.5),
+            car(-20.0, 0.0),
+        ];
         let seen: Vec<bool> = (0..4).map(|i| is_seen([0.0, 0.0], &bodies, i)).collect();
         assert_eq!(seen, [true, false, true, true]);
     }
@@ -175,7 +186,10 @@ mod tests {
         assert!((middle.clear_m - safety.sight_range_m).abs() < 1e-9);
         // Through the near corner at (18, 1), to the inner edge at 1.75 + 0.2.
         for lane in [left, right] {
-            assert!(!lane.is_blocked && (lane.open_m - 18.0 * 1.95).abs() < 1e-9, "{lane:?}");
+            assert!(
+                !lane.is_blocked && (lane.open_m - 18.0 * 1.95).abs() < 1e-9,
+                "{lane:?}"
+            );
             assert!((lane.clear_m - lane.open_m).abs() < 1e-12);
         }
     }

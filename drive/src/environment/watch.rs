@@ -1,17 +1,16 @@
 use covista_control::{RoadProfile, SafetySettings};
 use covista_traffic::{Ring, RingVehicle};
-use covista_world::Track;
 use serde::{Deserialize, Serialize};
 
 use super::{cav::RingCav, knowledge::Knowledge};
 use crate::{
     cause::Cause,
-    monitor::{CavView, Monitor},
+    monitor::{CavView, Monitor, PlacedTrack},
     truth::TrueVehicle,
 };
 
 /// Vehicles farther from a CAV than this along the road are not watched with it.
-const NEAR_M: f64 = 150.0;
+const NEAR_M: f64 = 120.0;
 
 /// The monitor of a ring: every CAV is watched among the others' images nearest to it.
 pub(super) struct Watch {
@@ -19,7 +18,7 @@ pub(super) struct Watch {
     truth: Vec<TrueVehicle>,
     near: Vec<TrueVehicle>,
     /// What each CAV knows, as of the newest frame.
-    tracks: Vec<Vec<Track>>,
+    tracks: Vec<Vec<PlacedTrack>>,
 }
 
 /// What the monitor found in an episode.
@@ -59,10 +58,13 @@ impl Watch {
                 if other != index {
                     let viewer = ring.vehicles()[index].id;
                     let visible = knowledge.sees(index, other);
-                    self.monitor.sight(viewer, vehicle.id, visible, ring.time_s());
+                    self.monitor
+                        .sight(viewer, vehicle.id, visible, ring.time_s());
                 }
             }
-            self.tracks.push(knowledge.tracks(ring, index, &cav.known));
+            let tracks = knowledge.tracks(ring, index, &cav.known).into_iter();
+            let placed = tracks.map(|track| PlacedTrack::new(track, ring.road().road()));
+            self.tracks.push(placed.collect());
         }
     }
 
@@ -86,7 +88,11 @@ impl Watch {
                 let s_m = there.frenet.s_m + laps * ring.road().period_m();
                 if (s_m - near_m).abs() < NEAR_M {
                     let is_there = laps.abs() < 0.5;
-                    let here = if is_there { *there } else { truth(vehicle, ring, near_m) };
+                    let here = if is_there {
+                        *there
+                    } else {
+                        truth(vehicle, ring, near_m)
+                    };
                     self.near.push(here);
                 }
             }

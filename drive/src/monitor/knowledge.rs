@@ -20,7 +20,7 @@ pub(super) struct Knowledge<'a> {
     pub time_s: f64,
     pub road: &'a Road,
     pub truth: &'a [TrueVehicle],
-    pub tracks: &'a [Track],
+    pub tracks: &'a [PlacedTrack],
     pub sight: Option<&'a SightLine>,
     pub settings: &'a SafetySettings,
 }
@@ -34,7 +34,7 @@ pub(super) struct Other<'a> {
     /// Lanes that both occupy.
     pub shared: Lanes,
     /// What the CAV knows of it.
-    pub track: Option<&'a Track>,
+    pub track: Option<&'a PlacedTrack>,
     /// When it came into the newest of its lanes.
     pub entered_s: f64,
     /// Since when it has been in sight.
@@ -45,20 +45,18 @@ pub(super) struct Other<'a> {
 
 impl<'a> Knowledge<'a> {
     /// The track that stands for `vehicle`: what it tells of itself, or else the nearest one.
-    pub fn track_of(&self, vehicle: &TrueVehicle) -> Option<&'a Track> {
-        let own = |track: &&Track| {
-            track
-                .station
-                .is_some_and(|station| VehicleId(station.0) == vehicle.id)
+    pub fn track_of(&self, vehicle: &TrueVehicle) -> Option<&'a PlacedTrack> {
+        let own = |placed: &&PlacedTrack| {
+            (placed.track.station).is_some_and(|station| VehicleId(station.0) == vehicle.id)
         };
         self.tracks.iter().find(own).or_else(|| {
-            let reaches = |track: &&Track| {
-                let error_m = (track.state.center.position() - vehicle.center).norm();
-                error_m <= self.reach_m(track)
+            let reaches = |placed: &&PlacedTrack| {
+                let error_m = (placed.track.state.center.position() - vehicle.center).norm();
+                error_m <= self.reach_m(&placed.track)
             };
             (self.tracks.iter().filter(reaches))
-                .min_by(|a, b| unlike(a, vehicle).total_cmp(&unlike(b, vehicle)))
-                .filter(|track| self.is_likest(track, vehicle.id))
+                .min_by(|a, b| unlike(&a.track, vehicle).total_cmp(&unlike(&b.track, vehicle)))
+                .filter(|placed| self.is_likest(&placed.track, vehicle.id))
         })
     }
 
@@ -81,11 +79,11 @@ impl<'a> Knowledge<'a> {
     pub fn broken(&self, other: &Other<'_>) -> Option<Cause> {
         match other.track {
             None => self.unknown(other),
-            Some(track) if self.age_s(track) > self.settings.knowledge_age_max_s => {
+            Some(placed) if self.age_s(&placed.track) > self.settings.knowledge_age_max_s => {
                 Some(Cause::MessageAge)
             }
-            Some(track) => self
-                .is_misjudged(other, track)
+            Some(placed) => self
+                .is_misjudged(other, placed)
                 .then_some(Cause::PerceptionError),
         }
     }
@@ -107,9 +105,9 @@ impl<'a> Knowledge<'a> {
     /// Whether the truth lies outside of what the track, its deviations and its age allow, to the
     /// side on which it matters: nearer and slower ahead, nearer and faster behind. A lane that it
     /// came into since it was measured is none that the track could tell of.
-    fn is_misjudged(&self, other: &Other<'_>, track: &Track) -> bool {
+    fn is_misjudged(&self, other: &Other<'_>, placed: &PlacedTrack) -> bool {
         let (settings, vehicle) = (self.settings, other.vehicle);
-        let known = OnRoad::new(track, self.road, vehicle.frenet.s_m, self.time_s);
+        let PlacedTrack { track, body: known } = placed;
         let age_s = self.age_s(track);
         let position_m = settings.error_sigmas * track.position_std_m + PROJECTION_M;
         let speed_mps = settings.error_sigmas * track.velocity_std_mps;
@@ -136,10 +134,10 @@ impl<'a> Knowledge<'a> {
         beyond || could_tell && !other.shared.without(lanes).is_empty()
     }
 
-    /// What `track` makes of a vehicle near road s `s_now_m`.
-    pub fn known(&self, track: &Track, s_now_m: f64) -> Known {
+    /// What a track makes of a vehicle now.
+    pub fn known(&self, placed: &PlacedTrack) -> Known {
         let settings = self.settings;
-        let body = OnRoad::new(track, self.road, s_now_m, self.time_s);
+        let PlacedTrack { track, body } = placed;
         let age_s = self.age_s(track);
         let length_m = track.state.length_m;
         let error_m = settings.error_sigmas * track.position_std_m;
@@ -187,7 +185,25 @@ pub(super) struct Known {
     pub worst: Member,
 }
 
+/// A track with its place on the road.
+#[derive(Debug, Clone)]
+pub struct PlacedTrack {
+    pub(super) track: Track,
+    body: OnRoad,
+}
+
+impl PlacedTrack {
+    /// Places `track` on the road, where it was measured.
+    pub fn new(track: Track, road: &Road) -> Self {
+        Self {
+            body: OnRoad::new(&track, road),
+            track,
+        }
+    }
+}
+
 /// A track's body along the road, where it was measured.
+#[derive(Debug, Clone, Copy)]
 struct OnRoad {
     center_s_m: f64,
     s_range_m: [f64; 2],
@@ -197,12 +213,11 @@ struct OnRoad {
 }
 
 impl OnRoad {
-    fn new(track: &Track, road: &Road, s_now_m: f64, time_s: f64) -> Self {
+    fn new(track: &Track, road: &Road) -> Self {
         let state = &track.state;
         let straight_s = track.time_s - measured_s(track);
         let center = state.center.position() - state.velocity_mps * straight_s;
-        let hint_m = s_now_m - state.velocity_mps.norm() * (time_s - measured_s(track)).max(0.0);
-        let point = road.to_frenet_near(center, hint_m);
+        let point = road.to_frenet(center);
         let (line, _) = road.reference(point.s_m);
         let velocity = Rotation2::new(-line.yaw_rad) * state.velocity_mps;
         let half = Vector2::new(state.length_m, state.width_m) / 2.0;

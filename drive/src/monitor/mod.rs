@@ -18,7 +18,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use covista_control::{Manoeuvre, SafetySettings, SightLine};
 use covista_traffic::VehicleId;
-use covista_world::{BicycleState, ControlInput, Road, Track};
+use covista_world::{BicycleState, ControlInput, Road};
 
 use crate::{
     cause::Cause,
@@ -29,6 +29,7 @@ use barriers::Gaps;
 pub use barriers::TrueBarriers;
 use cav_state::CavState;
 pub use distributions::{Distributions, Histogram};
+pub use knowledge::PlacedTrack;
 use knowledge::{Knowledge, Other};
 use motion::{Motion, STUCK_MPS};
 
@@ -44,7 +45,7 @@ pub struct CavView<'a> {
     /// The CAV.
     pub id: VehicleId,
     /// What it knows, to tell which assumption broke.
-    pub tracks: &'a [Track],
+    pub tracks: &'a [PlacedTrack],
     /// How far it takes each lane ahead to be free; `None` where it has looked at none yet.
     pub sight: Option<&'a SightLine>,
     /// What its controller is about.
@@ -251,7 +252,7 @@ impl Monitor {
         let claimed_ahead = gaps.ahead(other, others.shared_with(claimed));
         let own = (ego.lanes(now.road, 0.0)).with(view.manoeuvre.destination());
         let known = track.map(|track| {
-            let known = knowledge.known(track, other.frenet.s_m);
+            let known = knowledge.known(track);
             let lanes = known.lanes.shared_with(claimed);
             let is_ahead = known.middle_s_m > ego.middle_s_m();
             KnownAhead {
@@ -297,7 +298,8 @@ impl Monitor {
                 own_lanes_before: claimed_before,
                 known,
                 stands: other.speed_mps < STUCK_MPS
-                    || track.is_some_and(|track| track.state.velocity_mps.norm() < STUCK_MPS),
+                    || track
+                        .is_some_and(|placed| placed.track.state.velocity_mps.norm() < STUCK_MPS),
                 sight_broke_off: cav.sight_broke_off(others.shared_with(claimed)),
                 sight_reaches_past: cav.sight_reaches_past(other, others.shared_with(claimed)),
                 leader_braking: (self.vehicles.get(&other.id))

@@ -21,6 +21,12 @@ pub struct Hyperparameters {
     pub adam: AdamSettings,
     /// The discount factor gamma a behaviour step. Paper: 0.9.
     pub discount: f32,
+    /// What is taken off every reward, and what the rest is multiplied by, before it is learnt from:
+    /// the best policy stays the same where episodes only run out of time, and values near zero are
+    /// learnt sooner. Paper and default: 0 and 1. Reports have the rewards as they are.
+    pub reward_center: f32,
+    /// See [`Self::reward_center`].
+    pub reward_scale: f32,
     /// Transitions in a minibatch. Paper: 64.
     pub minibatch: usize,
     /// Units of the LSTM and of the fully connected layer. Paper: 128.
@@ -67,6 +73,8 @@ impl Hyperparameters {
             actor_learning_rate: 0.01,
             adam: AdamSettings::default(),
             discount: 0.9,
+            reward_center: 0.0,
+            reward_scale: 1.0,
             minibatch: 64,
             hidden: 128,
             replay: 1_000_000,
@@ -126,6 +134,11 @@ impl Hyperparameters {
         let epsilon = self.adam.epsilon;
         check("adam.epsilon", epsilon, rate, is_rate(epsilon))?;
         check("discount", self.discount, decay, is_decay(self.discount))?;
+        let center = self.reward_center;
+        check("reward_center", center, "finite", center.is_finite())?;
+        let scale = self.reward_scale;
+        let is_scale = scale > 0.0 && scale.is_finite();
+        check("reward_scale", scale, "finite and above 0", is_scale)?;
         let at_most = "between 1 and 65536";
         let fits = |n: usize| (1..=65_536).contains(&n);
         check("minibatch", self.minibatch, at_most, fits(self.minibatch))?;
@@ -165,6 +178,11 @@ impl Hyperparameters {
         check("updates_per_decision", updates, at_most, fits(updates))
     }
 
+    /// A reward as it is learnt from.
+    pub fn learnt_reward(&self, reward: f32) -> f32 {
+        (reward - self.reward_center) * self.reward_scale
+    }
+
     /// Share of random actions after so many decisions.
     pub fn exploration(&self, decisions: u64) -> f32 {
         let span = self.exploration_decisions.max(1);
@@ -196,6 +214,8 @@ mod tests {
             message(|s| s.critic_learning_rate = f32::NAN).contains("critic_learning_rate is NaN")
         );
         assert!(message(|s| s.warm_up = 3).contains("warm_up is 3"));
+        assert!(message(|s| s.reward_scale = 0.0).contains("reward_scale is 0"));
+        assert!(message(|s| s.reward_center = f32::NAN).contains("reward_center is NaN"));
         assert!(message(|s| s.minibatch = 0).contains("minibatch is 0"));
         assert!(message(|s| s.gradient_norm = Some(f32::INFINITY)).contains("gradient_norm"));
     }
@@ -208,6 +228,17 @@ mod tests {
             .expect_err("refused")
             .to_string();
         assert!(error.contains("unknown field `discout`"), "{error}");
+    }
+
+    #[test]
+    fn a_reward_is_centred_and_scaled() {
+        let settings = Hyperparameters {
+            reward_center: 17.0,
+            reward_scale: 0.5,
+            ..Hyperparameters::default()
+        };
+        assert_eq!(settings.learnt_reward(19.0), 1.0);
+        assert_eq!(Hyperparameters::paper().learnt_reward(19.0), 19.0);
     }
 
     #[test]

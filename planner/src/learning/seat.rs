@@ -115,7 +115,9 @@ impl Seat {
                 replay.decide(now, arena.actions[agent], told, joint);
             }
             if let (Some(before), true) = (self.before[item], arena.phase != Phase::Done) {
-                let reward = arena.outcome.rewards[agent];
+                let reward = settings
+                    .hyperparameters
+                    .learnt_reward(arena.outcome.rewards[agent]);
                 replay.complete(agent, before, reward, self.now[item])?;
             }
         }

@@ -239,7 +239,10 @@ fn a_cav_that_comes_in_unknowing_breaks_its_own_assumption() {
         let truth = scene.vehicles();
         let mut wrong = track_of(&truth[0], scene.time_s());
         wrong.state.center.x_m -= error_m;
-        let own = [track_of(&truth[1], scene.time_s())];
+        let own = [PlacedTrack::new(
+            track_of(&truth[1], scene.time_s()),
+            &road(),
+        )];
         let view = |id, tracks, state| CavView {
             id,
             tracks,
@@ -249,7 +252,7 @@ fn a_cav_that_comes_in_unknowing_breaks_its_own_assumption() {
             wheelbase_m: SEDAN.wheelbase_m,
             input: None,
         };
-        let wrong = [wrong];
+        let wrong = [PlacedTrack::new(wrong, &road())];
         let views = [
             view(EGO, own.as_slice(), scene.ego.state),
             view(OTHER, wrong.as_slice(), scene.other.state),

@@ -1,11 +1,10 @@
 mod causes;
 mod followers;
-mod speed;
 mod strict;
 
 use covista_traffic::VehicleKind;
 use covista_world::{
-    LaneIndex, ObjectClass, ObjectState, RoadSegment, STEP_S, Se2Pose, Sighting, StationId,
+    LaneIndex, ObjectClass, ObjectState, RoadSegment, STEP_S, Se2Pose, Sighting, StationId, Track,
     VehicleDimensions, bicycle_step,
 };
 
@@ -133,8 +132,9 @@ impl Scene {
     fn observe(&mut self) {
         let (time_s, truth) = (self.time_s(), self.vehicles());
         self.monitor.sight(EGO, OTHER, self.visible, time_s);
-        let tracks: Vec<Track> = (self.know)(track_of(&truth[1], time_s), time_s)
+        let tracks: Vec<PlacedTrack> = (self.know)(track_of(&truth[1], time_s), time_s)
             .into_iter()
+            .map(|track| PlacedTrack::new(track, &road()))
             .collect();
         let mut views = vec![CavView {
             id: EGO,
@@ -145,7 +145,7 @@ impl Scene {
             wheelbase_m: SEDAN.wheelbase_m,
             input: Some(self.claimed.unwrap_or(self.ego.input())),
         }];
-        let own = [track_of(&truth[0], time_s)];
+        let own = [PlacedTrack::new(track_of(&truth[0], time_s), &road())];
         if self.other.kind == VehicleKind::Cav {
             views.push(CavView {
                 id: OTHER,
