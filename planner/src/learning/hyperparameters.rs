@@ -41,6 +41,9 @@ pub struct Hyperparameters {
     pub first_exploration: f32,
     /// The same in the end.
     pub last_exploration: f32,
+    /// Decisions that a random action is repeated for, while it is safe. A lane change spans about
+    /// eight; who draws anew at each of them takes nearly every one back. Paper and default: 1.
+    pub exploration_steps: u32,
     /// Decisions of a learner over which the one becomes the other, linearly.
     pub exploration_decisions: u64,
     /// What the actor gains by an undecided distribution, for each nat of its entropy. Paper: 0;
@@ -82,6 +85,7 @@ impl Hyperparameters {
             target_rate: 0.01,
             first_exploration: 0.5,
             last_exploration: 0.05,
+            exploration_steps: 1,
             exploration_decisions: 4_000,
             entropy_weight: 0.0,
             gradient_norm: None,
@@ -158,6 +162,9 @@ impl Hyperparameters {
         check("first_exploration", first, share, is_share(first))?;
         let last = self.last_exploration;
         check("last_exploration", last, share, is_share(last))?;
+        let repeated = self.exploration_steps;
+        let must = "between 1 and 1000";
+        check("exploration_steps", repeated, must, (1..=1000).contains(&repeated))?;
         let entropy = self.entropy_weight;
         let must = "finite and not negative";
         check(
@@ -176,6 +183,12 @@ impl Hyperparameters {
         }
         let updates = self.updates_per_decision;
         check("updates_per_decision", updates, at_most, fits(updates))
+    }
+
+    /// The probability that exploring begins after so many decisions, so that its share comes out.
+    pub(super) fn exploration_begins(&self, decisions: u64) -> f32 {
+        let (share, steps) = (self.exploration(decisions), self.exploration_steps as f32);
+        share / (steps - share * (steps - 1.0))
     }
 
     /// A reward as it is learnt from.
@@ -245,6 +258,7 @@ mod tests {
     fn exploration_fades() {
         let settings = Hyperparameters::default();
         assert_eq!(settings.exploration(0), settings.first_exploration);
+        assert_eq!(settings.exploration_begins(0), settings.first_exploration);
         let last = settings.exploration(u64::MAX);
         assert!((last - settings.last_exploration).abs() < 1e-6);
     }

@@ -75,6 +75,8 @@ pub(super) struct Learner {
     pub decisions: u64,
     settings: Hyperparameters,
     draws: ChaCha8Rng,
+    /// For each situation that it decides in: for how many decisions more it repeats itself.
+    bursts: Vec<u32>,
 }
 
 /// What an update writes; any learner of the same sizes may use it.
@@ -127,6 +129,7 @@ impl Learner {
             decisions: 0,
             settings,
             draws,
+            bursts: Vec::new(),
         }
     }
 
@@ -135,10 +138,11 @@ impl Learner {
     pub fn reseed(&mut self, seed: u64) {
         self.draws = ChaCha8Rng::seed_from_u64(seed);
         self.draws.set_stream(self.index as u64);
+        self.bursts.fill(0);
     }
 
     /// Decides for each situation, exploring or not: epsilon-greedy within the options that it is
-    /// given as safe.
+    /// given as safe. `actions` has those of the step before, which exploration may repeat.
     pub fn act<'s>(
         &mut self,
         situation: impl Fn(usize) -> Situation<'s>,
@@ -146,7 +150,10 @@ impl Learner {
         workspace: &mut Workspace,
         actions: &mut [Action],
     ) {
-        let exploration = self.settings.exploration(self.decisions);
+        let begins = self.settings.exploration_begins(self.decisions);
+        if explores {
+            self.bursts.resize(actions.len(), 0);
+        }
         let most = workspace.minibatch.now.shape().rows;
         let batch = &mut workspace.minibatch.now;
         for (chunk, actions) in actions.chunks_mut(most).enumerate() {
@@ -162,14 +169,25 @@ impl Learner {
                     .network
                     .forward(&self.actor.weights, batch, &mut workspace.actor);
             for (row, logits) in logits.chunks_exact(CHOICES).enumerate() {
-                actions[batch.order[row]] = mapped_best(logits, batch.safe[row]);
-            }
-            if explores {
-                for (item, action) in actions.iter_mut().enumerate() {
-                    if self.draws.random::<f32>() < exploration {
-                        *action = any_of(of(item).options.safe, &mut self.draws);
+                let item = batch.order[row];
+                let best = mapped_best(logits, batch.safe[row]);
+                actions[item] = if explores {
+                    let burst = &mut self.bursts[chunk * most + item];
+                    let before = (*burst > 0).then_some(actions[item]);
+                    let safe = batch.safe[row];
+                    if let Some(before) = before.filter(|before| safe.contains(*before)) {
+                        *burst -= 1;
+                        before
+                    } else if self.draws.random::<f32>() < begins {
+                        *burst = self.settings.exploration_steps - 1;
+                        any_of(safe, &mut self.draws)
+                    } else {
+                        *burst = 0;
+                        best
                     }
-                }
+                } else {
+                    best
+                };
             }
         }
         if explores {
