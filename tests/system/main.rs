@@ -9,6 +9,7 @@
 //! - `bench`: the benchmarks, their table and rows;
 //! - `cooperative`: what CAVs know alone and with sharing, on exact percepts;
 //! - `statistical`: the error model against the networks, and in the closed loop;
+//! - `experiment`: the paper's experiments, their cases, policies and report;
 //! - `errors`: bad input, one clear line and exit code 2.
 
 #![allow(
@@ -23,6 +24,7 @@ mod cooperative;
 mod dataset;
 mod demo;
 mod errors;
+mod experiment;
 mod fusion;
 mod networks;
 mod provider;
