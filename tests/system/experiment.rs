@@ -437,11 +437,8 @@ fn a_report_of_nothing_is_refused() {
 #[test]
 fn what_makes_no_experiment_is_refused_in_one_line() {
     let out = tempfile::tempdir().expect("a folder");
-    for (arguments, parts) in [
-        (
-            &["moon-landing"][..],
-            &["moon-landing", "cav-ratio", "density"][..],
-        ),
+    let refused: [(&[&str], &[&str]); 10] = [
+        (&["moon-landing"], &["moon-landing", "cav-ratio", "density"]),
         (&["safety", "--shard", "0/3"], &["0/3", "I from 1 to N"]),
         (&["safety", "--shard", "4/3"], &["4/3", "I from 1 to N"]),
         (&["safety", "--shard", "first"], &["first", "I from 1 to N"]),
@@ -460,7 +457,8 @@ fn what_makes_no_experiment_is_refused_in_one_line() {
             &["obstacle-at-corner", "--retrain"],
             &["--retrain", "has none"],
         ),
-    ] {
+    ];
+    for (arguments, parts) in refused {
         let mut command = covista();
         command
             .arg("experiment")
