@@ -137,11 +137,9 @@ fn draw_panel<'a>(
         }
         chart.draw_series(LineSeries::new(line.clone(), color.stroke_width(3)))?;
         chart.draw_series(line.map(|place| Circle::new(place, 5, color.filled())))?;
-        chart.draw_series(points.iter().filter(|[.., spread]| *spread > 0.0).map(
-            |&[x, y, spread]| {
-                ErrorBar::new_vertical(x, y - spread, y, y + spread, color.stroke_width(2), 10)
-            },
-        ))?;
+        chart.draw_series(points.iter().map(|&[x, y, spread]| {
+            PathElement::new([(x, y - spread), (x, y + spread)], color.stroke_width(2))
+        }))?;
     }
     Ok(())
 }
