@@ -8,11 +8,13 @@ mod cli;
 mod dataset;
 mod demo;
 mod eval;
+mod experiment;
 mod frames;
 mod models;
 mod output;
 mod record;
 mod replay;
+mod report;
 mod table;
 mod train;
 
@@ -47,6 +49,8 @@ fn main() -> ExitCode {
         Some(cli::Command::Eval(args)) => eval::run(&args),
         Some(cli::Command::Bench(args)) => bench::run(&args),
         Some(cli::Command::Train(args)) => train::run(&args),
+        Some(cli::Command::Experiment(args)) => experiment::run(&args),
+        Some(cli::Command::Report(args)) => report::run(&args),
         Some(cli::Command::Models(args)) => models::run(&args),
     };
     match result {

@@ -29,8 +29,8 @@ use watch::Watch;
 
 /// Steps of 0.01 s between two frames of perception and messages, and between two decisions.
 const FRAME_STEPS: u64 = 10;
-const BEHAVIOUR_STEPS: u64 = 50;
-const BEHAVIOUR_S: f64 = 0.5;
+pub(crate) const BEHAVIOUR_STEPS: u64 = 50;
+pub(crate) const BEHAVIOUR_S: f64 = 0.5;
 
 /// Who drives on the ring, what they know and what they are rewarded for.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

@@ -17,6 +17,7 @@ mod control_file;
 mod environment;
 mod evaluate;
 mod excuse;
+mod experiment;
 mod monitor;
 mod recorded;
 mod run;
@@ -55,6 +56,12 @@ pub use evaluate::{
     LaneIndexFigures, OperatingPoint, Origin, Progress, RecallBar, Reliability, SharingCondition,
     evaluate_cooperative, evaluate_detector, evaluate_fusion, evaluate_lanes, figures_by_distance,
     fit_errors, perceive_dataset, perceive_scenario,
+};
+pub use experiment::{
+    Behaviour, Case, Claim, Diagram, Experiment, ExperimentError, ExperimentOptions, Figures,
+    Headways, Key, LearningCurve, Line, LoopCase, LoopFigures, Means, Percepts, Plan, Policies,
+    Quantity, Results, Row, SceneCase, SceneFigures, Seeds, Spread, TrainingCase, policy_file,
+    rank_correlation, read_training, train, training_config,
 };
 pub use monitor::{CavView, Distributions, Histogram, Monitor, PlacedTrack, TrueBarriers};
 pub use recorded::{FittedPicture, Lacking, RecordedError, calibration_of};

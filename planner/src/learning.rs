@@ -59,6 +59,7 @@ pub use hyperparameters::Hyperparameters;
 pub use learned_policy::LearnedPolicy;
 pub use learner::Losses;
 pub use nn::AdamSettings;
+pub use policy_distribution::{any_of, mapped_best};
 pub use report::{EpisodeReport, RoundReport, UpdateReport};
 pub use situations::{Situation, SituationMut, Situations};
 pub use trainer::{Trainer, mixed};

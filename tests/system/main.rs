@@ -10,6 +10,7 @@
 //! - `cooperative`: what CAVs know alone and with sharing, on exact percepts;
 //! - `statistical`: the error model against the networks, and in the closed loop;
 //! - `train`: training, its files and going on with it;
+//! - `experiment`: the paper's experiments, their cases, policies and report;
 //! - `errors`: bad input, one clear line and exit code 2.
 
 #![allow(
@@ -24,6 +25,7 @@ mod cooperative;
 mod dataset;
 mod demo;
 mod errors;
+mod experiment;
 mod fusion;
 mod networks;
 mod provider;

@@ -173,6 +173,14 @@ impl Ring {
         self.check_ends()
     }
 
+    /// How far the vehicle of this index is behind the one it follows, between the bodies' centres
+    /// along the road in metres; `None` while it follows nobody.
+    pub fn headway_m(&self, index: usize) -> Option<f64> {
+        let vehicle = self.vehicles.get(index)?;
+        let leader = &self.vehicles[vehicle.leader? as usize];
+        Some(self.gap_m(vehicle, leader) + vehicle.half_lengths_m(leader))
+    }
+
     /// What the episode has come to so far.
     pub fn report(&self) -> RingReport {
         self.sums.report(self.vehicles.len(), self.road.period_m())
@@ -209,8 +217,7 @@ impl Ring {
             speed_mps: leader.speed_mps,
         });
         if let Some((leader, ahead)) = leader.zip(ahead) {
-            let halves_m = (vehicle.dimensions.length_m + leader.dimensions.length_m) / 2.0;
-            self.sums.headway(ahead.gap_m + halves_m);
+            self.sums.headway(ahead.gap_m + vehicle.half_lengths_m(leader));
         }
         let vehicle = &mut self.vehicles[index];
         let (speed_mps, wheelbase_m) = (vehicle.speed_mps, vehicle.dimensions.wheelbase_m);

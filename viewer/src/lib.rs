@@ -2,7 +2,7 @@
 //!
 //! `drive` fills a [`SceneRecord`] once and a [`StepRecord`] as often as it likes; [`Recording`]
 //! writes them as an .rrd file with its blueprint, [`plot_trajectories`] and [`plot_speeds`] draw
-//! the runs side by side, [`plot_frontier`] accuracy against speed, [`open_viewer`] shows recordings.
+//! the runs side by side, [`plot_frontier`] accuracy against speed, [`plot_curves`] quantities with their spread, [`open_viewer`] shows recordings.
 //!
 //! *Architecture invariant:* the viewer draws what it is given and nothing comes back: no stage
 //! reads anything from it, and it knows neither the simulator nor a stage, only the vocabulary.
@@ -29,8 +29,8 @@ pub use frames::FrameRecording;
 pub use learning::record_learning_curve;
 pub use open::open_viewer;
 pub use plots::{
-    FrontierPanel, FrontierPoint, FrontierSeries, RunSeries, VehicleSample, VehicleSeries,
-    plot_frontier, plot_speeds, plot_trajectories,
+    Curve, CurvePanel, FrontierPanel, FrontierPoint, FrontierSeries, RunSeries, VehicleSample,
+    VehicleSeries, plot_curves, plot_frontier, plot_speeds, plot_trajectories,
 };
 pub use record::{
     FocusFrame, SceneRecord, SceneryPart, SeenBox, StepRecord, VehicleInfo, VehicleKind,

@@ -5,9 +5,10 @@
 use std::path::{Path, PathBuf};
 
 use covista_viewer::{
-    FocusFrame, FrontierPanel, FrontierPoint, FrontierSeries, Recording, RunSeries, SceneRecord,
-    SceneryPart, StepRecord, VehicleInfo, VehicleKind, VehicleSample, VehicleSeries, VehicleStep,
-    ViewerError, plot_frontier, plot_speeds, plot_trajectories,
+    Curve, CurvePanel, FocusFrame, FrontierPanel, FrontierPoint, FrontierSeries, Recording,
+    RunSeries, SceneRecord, SceneryPart, StepRecord, VehicleInfo, VehicleKind, VehicleSample,
+    VehicleSeries, VehicleStep, ViewerError, plot_curves, plot_frontier, plot_speeds,
+    plot_trajectories,
 };
 use covista_world::{
     Calibration, CameraImage, PointCloud, Road, RoadSegment, Se2Pose, StationId, VehicleDimensions,
@@ -274,5 +275,39 @@ fn a_frontier_has_a_panel_each_and_a_colour_a_provider() {
     };
     for panels in [vec![], vec![nothing], vec![published]] {
         plot_frontier(&path, &panels, "").expect("drawn");
+    }
+}
+
+fn curves(label: &str, points: Vec<[f64; 3]>) -> CurvePanel {
+    let label = label.to_owned();
+    CurvePanel {
+        title: "Velocity".to_owned(),
+        x: "CAV ratio".to_owned(),
+        y: "mph".to_owned(),
+        curves: vec![Curve { label, points }],
+    }
+}
+
+#[test]
+fn curves_have_a_colour_each_whatever_the_number_of_points() {
+    let folder = Folder::new("curves_have_a_colour_each_whatever_the_number_of_points");
+    let path = folder.path().join("curves.png");
+    let long = (0..500)
+        .map(|i| [f64::from(i), f64::from(i % 7), 1.0])
+        .collect();
+    let few = vec![[1.0, 2.0, 0.5], [2.0, f64::NAN, 0.0], [3.0, 1.0, 0.0]];
+    plot_curves(&path, &[curves("ours", long), curves("idm", few)]).expect("drawn");
+    let picture = image::open(&path).expect("decodes").to_rgb8();
+    assert_eq!(picture.width(), 1600);
+    for (half, color) in [(0..800, [0, 114, 178]), (800..1600, [230, 159, 0])] {
+        let mut pixels = picture.enumerate_pixels();
+        assert!(pixels.any(|(x, _, pixel)| half.contains(&x) && pixel.0 == color));
+    }
+    for panels in [
+        vec![],
+        vec![curves("ours", vec![])],
+        vec![curves("ours", vec![[1.0, 0.0, 0.0]])],
+    ] {
+        plot_curves(&path, &panels).expect("drawn");
     }
 }

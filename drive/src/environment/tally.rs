@@ -54,7 +54,7 @@ impl RingTally {
     }
 
     /// A behaviour step of everybody; `before_mps` are the speeds at its beginning.
-    pub(super) fn ends(&mut self, ring: &Ring, actions: &[Action], before_mps: &[f64]) {
+    pub(crate) fn ends(&mut self, ring: &Ring, actions: &[Action], before_mps: &[f64]) {
         for (index, vehicle) in ring.vehicles().iter().enumerate() {
             let own = actions.get(index).copied();
             let accel_mps2 = (vehicle.speed_mps - before_mps[index]) / BEHAVIOUR_S;

@@ -8,7 +8,7 @@ use super::network::{Buffers, Network};
 use super::plan::Plan;
 use super::{
     CHOICES, FeatureEncoder, LearningError, NEIGHBOUR_FEATURES, OWN_FEATURES, Shape, Situation,
-    Situations,
+    Situations, TrainingSettings,
 };
 use crate::{ActionValues, Observation, Policy};
 
@@ -19,6 +19,8 @@ pub struct LearnedPolicy {
     encoder: FeatureEncoder,
     situations: Situations,
     network: Actor,
+    shape: Shape,
+    settings: TrainingSettings,
 }
 
 impl LearnedPolicy {
@@ -42,11 +44,13 @@ impl LearnedPolicy {
                 shape.own, shape.neighbour
             )));
         }
-        Ok(Self::new(shape, actor, weights, loop_length_m))
+        let settings = reader.header.settings;
+        Ok(Self::new(shape, settings, actor, weights, loop_length_m))
     }
 
     pub(super) fn new(
         shape: Shape,
+        settings: TrainingSettings,
         actor: Network,
         weights: Vec<f32>,
         loop_length_m: Option<f64>,
@@ -72,7 +76,19 @@ impl LearnedPolicy {
                 network: actor,
                 weights,
             },
+            shape,
+            settings,
         }
+    }
+
+    /// Sizes of the environments it was trained in.
+    pub fn shape(&self) -> Shape {
+        self.shape
+    }
+
+    /// How it was trained.
+    pub fn settings(&self) -> &TrainingSettings {
+        &self.settings
     }
 
     /// The encoder, which counts how often the cap on neighbours binds.
@@ -80,7 +96,8 @@ impl LearnedPolicy {
         &self.encoder
     }
 
-    /// The logits in a situation that is encoded already.
+    /// The logits in a situation that is encoded already, with at most as many neighbours as
+    /// [`LearnedPolicy::shape`] has.
     pub fn logits(&mut self, situation: &Situation<'_>) -> [f32; CHOICES] {
         self.network.logits(situation)
     }

@@ -26,8 +26,12 @@ pub(super) fn mapped_distribution(logits: &[f32], safe: ActionSet) -> [f32; ACTI
     shares
 }
 
-/// Phi(a) of Alg. 1 for the actor's best action: of the safe ones the one of highest logit.
-pub(super) fn mapped_best(logits: &[f32], safe: ActionSet) -> Action {
+/// Phi(a) of Alg. 1 for the actor's best action: of the safe ones the one of highest logit, the emergency stop
+/// where none is safe.
+///
+/// # Panics
+/// With fewer logits than [`super::CHOICES`].
+pub fn mapped_best(logits: &[f32], safe: ActionSet) -> Action {
     safe.iter()
         .reduce(|best, action| {
             let is_better = logits[action_index(action)] > logits[action_index(best)];
@@ -36,8 +40,8 @@ pub(super) fn mapped_best(logits: &[f32], safe: ActionSet) -> Action {
         .unwrap_or(Action::EmergencyStop)
 }
 
-/// A safe action at random.
-pub(super) fn any_of(safe: ActionSet, rng: &mut impl Rng) -> Action {
+/// A safe action at random, each as likely; the emergency stop where none is safe.
+pub fn any_of(safe: ActionSet, rng: &mut impl Rng) -> Action {
     match safe.len() {
         0 => Action::EmergencyStop,
         len => safe

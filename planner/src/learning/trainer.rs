@@ -177,6 +177,7 @@ impl<E: Environment> Trainer<E> {
         let (network, weights) = (actor.network.clone(), actor.weights.clone());
         Some(LearnedPolicy::new(
             self.shape,
+            self.settings,
             network,
             weights,
             loop_length_m,

@@ -91,6 +91,11 @@ impl RingVehicle {
         }
     }
 
+    /// What lies between the centres of the two where they touch.
+    pub(super) fn half_lengths_m(&self, leader: &Self) -> f64 {
+        (self.dimensions.length_m + leader.dimensions.length_m) / 2.0
+    }
+
     /// How far the front bumper lies ahead of the rear axle.
     pub(super) fn front_ahead_m(&self) -> f64 {
         self.dimensions.length_m - self.dimensions.rear_overhang_m

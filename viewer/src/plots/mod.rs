@@ -11,10 +11,12 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use crate::palette::{self, Rgb};
 use crate::{VehicleInfo, VehicleKind, ViewerError};
 
+mod curves;
 mod frontier;
 mod speeds;
 mod trajectories;
 
+pub use curves::{Curve, CurvePanel, plot_curves};
 pub use frontier::{FrontierPanel, FrontierPoint, FrontierSeries, plot_frontier};
 pub use speeds::plot_speeds;
 pub use trajectories::plot_trajectories;

@@ -1,0 +1,90 @@
+use serde::{Deserialize, Serialize};
+
+use super::Behaviour;
+use crate::{RingEnvironmentSettings, TrainingConfig};
+
+/// One run of an experiment, with everything that its outcome depends on.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Case {
+    /// An episode on the three-lane loop.
+    Loop(LoopCase),
+    /// A run of a scenario, as `covista demo` makes it.
+    Scene(SceneCase),
+    /// A training, for its learning curve.
+    Training(TrainingCase),
+}
+
+/// An episode on the three-lane loop.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct LoopCase {
+    /// Who decides for the CAVs.
+    pub behaviour: Behaviour,
+    /// SHA-256 of the policy's file, where the behaviour is learnt.
+    pub policy_sha256: Option<String>,
+    /// The traffic with its seed, the controller, the length of the episode.
+    pub environment: RingEnvironmentSettings,
+    /// Whether headways are kept over time.
+    pub keeps_headways: bool,
+}
+
+/// Where percepts come from in a scenario.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Percepts {
+    /// Exact, of what is in line of sight.
+    Truth,
+    /// With the networks' errors, as drawn from the fitted model.
+    Statistical,
+}
+
+/// A run of a scenario.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SceneCase {
+    /// A built-in scenario.
+    pub scenario: String,
+    /// Where percepts come from.
+    pub percepts: Percepts,
+    /// Whether CAVs share what they see.
+    pub sharing: bool,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Simulated seconds.
+    pub duration_s: f64,
+}
+
+/// A training.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TrainingCase {
+    /// What is trained, where and how, with its seed.
+    pub config: TrainingConfig,
+    /// Rounds of episodes.
+    pub rounds: u64,
+}
+
+impl Case {
+    /// A name for a file, of its own among the cases of an experiment.
+    pub fn name(&self) -> String {
+        match self {
+            Self::Loop(case) => {
+                let ring = &case.environment.ring;
+                format!(
+                    "{}-cavs{:02}-rho{:.2}-seed{}",
+                    case.behaviour.name(),
+                    ring.cavs,
+                    ring.density,
+                    ring.seed
+                )
+            }
+            Self::Scene(case) => {
+                let sharing = if case.sharing { "on" } else { "off" };
+                format!("sharing-{sharing}-seed{}", case.seed)
+            }
+            Self::Training(case) => {
+                let training = &case.config.training;
+                let behaviour = Behaviour::of(training.algorithm);
+                format!("{}-seed{}", behaviour.name(), training.seed)
+            }
+        }
+    }
+}

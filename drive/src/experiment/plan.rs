@@ -1,0 +1,271 @@
+use std::collections::BTreeMap;
+
+use covista_planner::learning::Environment;
+use covista_traffic::{RingSettings, Scenario};
+use serde::{Deserialize, Serialize};
+
+use super::{
+    Behaviour, Case, Experiment, ExperimentError, LoopCase, Percepts, Policies, SceneCase, Seeds,
+    TrainingCase, training_config,
+};
+use crate::{ControlMode, RingEnvironment, RingEnvironmentSettings, environment::BEHAVIOUR_S};
+
+/// Behaviour steps of an episode: the paper's 40,000 steps of 0.01 s.
+const STEPS: u64 = 800;
+/// Those of the headway's curve: 250 s, of which the paper shows the first 500 time steps.
+const HEADWAY_STEPS: u64 = 500;
+/// Vehicles on the loop, and the CAVs among them at the paper's CAV ratio of 0.6.
+const VEHICLES: usize = 30;
+const CAVS: usize = 18;
+const SCENARIO: &str = "obstacle-at-corner";
+
+/// What may be chosen about an experiment.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ExperimentOptions {
+    /// Every case is driven once for each.
+    pub seeds: Seeds,
+    /// Behaviour steps of an episode, 0.5 s each; `None` for the experiment's own length.
+    pub steps: Option<u64>,
+    /// Where percepts come from in a scenario.
+    pub percepts: Percepts,
+    /// Rounds of a training.
+    pub rounds: u64,
+}
+
+/// An experiment with everything that its outcome depends on.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Plan {
+    /// Which one.
+    pub experiment: Experiment,
+    /// The version of covista that drives it.
+    pub version: String,
+    /// What was chosen.
+    pub options: ExperimentOptions,
+    /// SHA-256 of the policies' files.
+    pub policies: BTreeMap<Behaviour, String>,
+    /// The trainings that were given for their learning curves; without any, they are made.
+    pub trainings: Vec<TrainingCase>,
+}
+
+impl Plan {
+    /// The experiment with these options and policies.
+    ///
+    /// # Errors
+    /// When an option makes no sense or a policy does not fit the loop.
+    pub fn new(
+        experiment: Experiment,
+        options: ExperimentOptions,
+        policies: &Policies,
+        trainings: Vec<TrainingCase>,
+    ) -> Result<Self, ExperimentError> {
+        if options.steps == Some(0) {
+            return Err(ExperimentError::NoSteps);
+        }
+        let plan = Self {
+            experiment,
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            options,
+            policies: policies.hashes(),
+            trainings,
+        };
+        let cases = plan.cases()?;
+        if experiment == Experiment::EpisodeReward {
+            plan.check_trainings(&cases)?;
+        }
+        let with_cavs = cases.iter().find_map(|case| match case {
+            Case::Loop(case) if case.environment.ring.cavs > 0 => Some(case.environment),
+            _ => None,
+        });
+        if let Some(settings) = with_cavs {
+            policies.check(RingEnvironment::new(settings)?.shape())?;
+        }
+        Ok(plan)
+    }
+
+    /// Its cases, in the order of its table.
+    ///
+    /// # Errors
+    /// When the scenario cannot be built.
+    pub fn cases(&self) -> Result<Vec<Case>, ExperimentError> {
+        let behaviours = self.experiment.behaviours();
+        Ok(match self.experiment {
+            Experiment::CavRatio => {
+                let ratios = (1..=VEHICLES / 5).map(|index| 5 * index);
+                let density = RingSettings::default().density;
+                let humans = self.loops(Behaviour::Idm, 0, density, STEPS);
+                let mixed = behaviours.iter().flat_map(|&behaviour| {
+                    let of = move |cavs| self.loops(behaviour, cavs, density, STEPS);
+                    ratios.clone().flat_map(of)
+                });
+                humans.chain(mixed).collect()
+            }
+            Experiment::Density | Experiment::Safety => {
+                let by_density = behaviours.iter().flat_map(|&behaviour| {
+                    densities().flat_map(move |rho| self.loops(behaviour, CAVS, rho, STEPS))
+                });
+                by_density.collect()
+            }
+            Experiment::Headway => {
+                let all = behaviours.iter();
+                all.flat_map(|&behaviour| self.loops(behaviour, CAVS, 0.6, HEADWAY_STEPS))
+                    .collect()
+            }
+            Experiment::EpisodeReward => self.trainings_made().map(Case::Training).collect(),
+            Experiment::ObstacleAtCorner => self.scenes()?,
+        })
+    }
+
+    fn seeds(&self) -> std::ops::RangeInclusive<u64> {
+        self.options.seeds.first..=self.options.seeds.last
+    }
+
+    fn loops(
+        &self,
+        behaviour: Behaviour,
+        cavs: usize,
+        density: f64,
+        steps: u64,
+    ) -> impl Iterator<Item = Case> + '_ {
+        let mut environment = RingEnvironmentSettings {
+            steps: self.options.steps.unwrap_or(steps),
+            ends_at_collision: false,
+            watched: self.experiment == Experiment::Safety,
+            ..RingEnvironmentSettings::default()
+        };
+        environment.ring.vehicles = VEHICLES;
+        environment.ring.cavs = if behaviour == Behaviour::Idm { 0 } else { cavs };
+        environment.ring.density = density;
+        if !behaviour.is_filtered() {
+            environment.control.mode = ControlMode::Off;
+        }
+        let policy_sha256 = self.policies.get(&behaviour).cloned();
+        self.seeds().map(move |seed| {
+            let mut environment = environment;
+            environment.ring.seed = seed;
+            Case::Loop(LoopCase {
+                behaviour,
+                policy_sha256: policy_sha256.clone(),
+                environment,
+                keeps_headways: self.experiment == Experiment::Headway,
+            })
+        })
+    }
+
+    fn scenes(&self) -> Result<Vec<Case>, ExperimentError> {
+        let own_s = Scenario::builtin(SCENARIO)?.duration_s;
+        let asked_s = self.options.steps.map(|steps| steps as f64 * BEHAVIOUR_S);
+        let of = |sharing: bool| {
+            self.seeds().map(move |seed| {
+                Case::Scene(SceneCase {
+                    scenario: SCENARIO.to_owned(),
+                    percepts: self.options.percepts,
+                    sharing,
+                    seed,
+                    duration_s: asked_s.unwrap_or(own_s),
+                })
+            })
+        };
+        Ok(of(true).chain(of(false)).collect())
+    }
+
+    fn trainings_made(&self) -> Box<dyn Iterator<Item = TrainingCase> + '_> {
+        if !self.trainings.is_empty() {
+            return Box::new(self.trainings.iter().cloned());
+        }
+        let algorithms = self
+            .experiment
+            .behaviours()
+            .iter()
+            .filter_map(|of| of.algorithm());
+        Box::new(algorithms.flat_map(move |algorithm| {
+            self.seeds().map(move |seed| TrainingCase {
+                config: training_config(algorithm, self.options.steps, seed),
+                rounds: self.options.rounds,
+            })
+        }))
+    }
+
+    /// Both algorithms must be there, and no training twice.
+    fn check_trainings(&self, cases: &[Case]) -> Result<(), ExperimentError> {
+        let mut names: Vec<String> = cases.iter().map(Case::name).collect();
+        for behaviour in self.experiment.behaviours() {
+            let name = behaviour.name();
+            if !names
+                .iter()
+                .any(|case| case.starts_with(&format!("{name}-seed")))
+            {
+                return Err(ExperimentError::Trainings(format!(
+                    "there is no training of {name} among those given; give one of ours and one of maddpg with --trained"
+                )));
+            }
+        }
+        names.sort_unstable();
+        match names.windows(2).find(|pair| pair[0] == pair[1]) {
+            Some(twice) => Err(ExperimentError::Trainings(format!(
+                "{} is given twice; give trainings of different seeds with --trained",
+                twice[0]
+            ))),
+            None => Ok(()),
+        }
+    }
+}
+
+/// The paper's densities, 0.1 to 0.9.
+pub(super) fn densities() -> impl Iterator<Item = f64> + Clone {
+    (1..=9).map(|tenths| f64::from(tenths) / 10.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plan(experiment: Experiment) -> Plan {
+        let options = ExperimentOptions {
+            seeds: Seeds::default(),
+            steps: None,
+            percepts: Percepts::Truth,
+            rounds: 100,
+        };
+        Plan::new(experiment, options, &Policies::default(), Vec::new()).expect("a plan")
+    }
+
+    #[test]
+    fn every_case_has_a_name_of_its_own() {
+        for (experiment, count) in Experiment::ALL.into_iter().zip([125, 135, 90, 10, 10, 10]) {
+            let cases = plan(experiment).cases().expect("cases");
+            let mut names: Vec<_> = cases.iter().map(Case::name).collect();
+            assert_eq!(names.len(), count, "{experiment:?}");
+            names.sort_unstable();
+            names.dedup();
+            assert_eq!(names.len(), count, "{experiment:?}");
+        }
+    }
+
+    #[test]
+    fn only_maddpg_alone_drives_without_the_filter() {
+        for case in plan(Experiment::Density).cases().expect("cases") {
+            let Case::Loop(case) = case else {
+                panic!("no loop: {case:?}");
+            };
+            let is_off = case.environment.control.mode == ControlMode::Off;
+            assert_eq!(is_off, case.behaviour == Behaviour::Maddpg, "{case:?}");
+            assert_eq!(
+                case.environment.ring.cavs == 0,
+                case.behaviour == Behaviour::Idm
+            );
+        }
+    }
+
+    #[test]
+    fn learning_curves_of_one_algorithm_are_no_comparison() {
+        let mut given = plan(Experiment::EpisodeReward);
+        given.trainings = given.trainings_made().take(2).collect();
+        let error = given
+            .check_trainings(&given.cases().expect("cases"))
+            .expect_err("refused");
+        assert!(
+            error.to_string().contains("no training of maddpg"),
+            "{error}"
+        );
+    }
+}

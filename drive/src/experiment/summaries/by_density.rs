@@ -1,0 +1,138 @@
+use super::{Loops, algorithm, by_key, collisions, quantity, unsafe_actions};
+use crate::{
+    RingSafety,
+    experiment::{
+        Behaviour, Experiment, Key, LoopCase, LoopFigures, Quantity, Results, Row, paper,
+        plan::densities,
+    },
+};
+
+/// The runs of a behaviour at a density.
+fn at_density<'a>(loops: &Loops<'a>, behaviour: Behaviour, density: f64) -> Vec<&'a LoopFigures> {
+    let is_of = |case: &LoopCase| {
+        case.behaviour == behaviour && (case.environment.ring.density - density).abs() < 1e-9
+    };
+    let runs = loops.iter().filter(|(case, _)| is_of(case));
+    runs.map(|(_, figures)| *figures).collect()
+}
+
+/// A row for each behaviour and density of which there are runs.
+fn by_density(
+    loops: &Loops<'_>,
+    experiment: Experiment,
+    quantities: impl Fn(Behaviour, usize, &[&LoopFigures]) -> Vec<Quantity>,
+) -> Vec<Row> {
+    let mut rows = Vec::new();
+    for &behaviour in experiment.behaviours() {
+        for (index, rho) in densities().enumerate() {
+            let runs = at_density(loops, behaviour, rho);
+            if !runs.is_empty() {
+                rows.push(Row {
+                    keys: vec![algorithm(behaviour), ("density", Key::Number(rho))],
+                    seeds: runs.len(),
+                    quantities: quantities(behaviour, index, &runs),
+                });
+            }
+        }
+    }
+    rows
+}
+
+/// Flow and comfort by density.
+pub(super) fn density(loops: &Loops<'_>) -> Results {
+    let rows = by_density(loops, Experiment::Density, |_, _, runs| {
+        vec![
+            quantity(
+                ("flow", "flow rho v, m/s", 3),
+                runs,
+                |run| Some(run.flow),
+                None,
+            ),
+            quantity(
+                ("flow_per_h_lane", "flow, vehicles/h lane", 0),
+                runs,
+                |run| Some(run.flow_per_h_lane),
+                None,
+            ),
+            quantity(
+                ("mean_velocity_mph", "velocity, mph", 2),
+                runs,
+                |run| Some(run.mean_velocity_mph),
+                None,
+            ),
+            quantity(
+                ("mean_comfort", "comfort", 3),
+                runs,
+                |run| Some(run.mean_comfort),
+                None,
+            ),
+            unsafe_actions(runs, None),
+            collisions(runs),
+        ]
+    });
+    let diagram =
+        |title: &str, name, y: &str| by_key(&rows, title, ("density", "density rho"), name, y);
+    Results {
+        diagrams: vec![
+            diagram("Traffic flow", "flow_per_h_lane", "vehicles/h and lane"),
+            diagram("Comfort of all traffic", "mean_comfort", "comfort, 0 to 3"),
+        ],
+        notes: vec![
+            "idm is a loop of human drivers alone; the others have CAVs at a ratio of 0.6. Flow and comfort are of all vehicles. The paper shows these curves without numbers.".into(),
+            "A collision does not end an episode here: vehicles drive on through each other, and each time that two bodies come to overlap counts.".into(),
+        ],
+        rows,
+        claims: Vec::new(),
+    }
+}
+
+/// Unsafe actions by density.
+pub(super) fn safety(loops: &Loops<'_>) -> Results {
+    let watched = |of: fn(&RingSafety) -> usize| {
+        move |run: &LoopFigures| run.safety.as_ref().map(|safety| of(safety) as f64)
+    };
+    let rows = by_density(loops, Experiment::Safety, |behaviour, index, runs| {
+        vec![
+            unsafe_actions(runs, paper::unsafe_actions(behaviour, index)),
+            quantity(
+                ("decisions", "decisions", 0),
+                runs,
+                |run| Some(run.tally.decisions as f64),
+                None,
+            ),
+            quantity(
+                ("violations", "violations of h >= 0", 1),
+                runs,
+                watched(|safety| safety.violations),
+                None,
+            ),
+            quantity(
+                ("violations_unattributed", "unattributed", 1),
+                runs,
+                watched(|safety| safety.violations_unattributed),
+                None,
+            ),
+            quantity(
+                ("emergency_stops", "emergency stops", 1),
+                runs,
+                |run| Some(run.tally.emergency_stops as f64),
+                None,
+            ),
+            collisions(runs),
+        ]
+    });
+    Results {
+        diagrams: vec![by_key(
+            &rows,
+            "Unsafe actions of an episode",
+            ("density", "density rho"),
+            "unsafe_actions",
+            "decisions",
+        )],
+        notes: vec![
+            "An action is unsafe when the filter's verdict on it, at the moment of the decision, is unsafe. Counts are of one episode; the paper's are of its last ten, each of up to 40,000 steps.".into(),
+        ],
+        rows,
+        claims: Vec::new(),
+    }
+}

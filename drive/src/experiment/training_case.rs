@@ -1,0 +1,156 @@
+use std::path::Path;
+
+use covista_planner::learning::{Algorithm, RoundReport, Sharing, Trainer, TrainingSettings};
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+
+use super::{Behaviour, ExperimentError, LearningCurve, TrainingCase};
+use crate::{ControlMode, RingEnvironment, RingEnvironmentSettings, TrainingConfig};
+
+/// How `algorithm` is trained where nothing else is said: one network for all CAVs, and episodes
+/// of `steps` behaviour steps if that is given. A collision ends an episode; MADDPG alone has no
+/// safety filter.
+pub fn training_config(algorithm: Algorithm, steps: Option<u64>, seed: u64) -> TrainingConfig {
+    let mut environment = RingEnvironmentSettings {
+        watched: false,
+        ..RingEnvironmentSettings::default()
+    };
+    environment.steps = steps.unwrap_or(environment.steps);
+    if !Behaviour::of(algorithm).is_filtered() {
+        environment.control.mode = ControlMode::Off;
+    }
+    TrainingConfig {
+        environment,
+        training: TrainingSettings {
+            algorithm,
+            sharing: Sharing::Shared,
+            seed,
+            ..TrainingSettings::default()
+        },
+        ..TrainingConfig::default()
+    }
+}
+
+/// Trains anew for so many rounds and tells of each.
+///
+/// # Errors
+/// When a setting makes no sense or a network diverges.
+pub fn train(
+    config: &TrainingConfig,
+    rounds: u64,
+    each: &mut dyn FnMut(&RoundReport),
+) -> Result<Trainer<RingEnvironment>, ExperimentError> {
+    let mut trainer = config.start()?;
+    for _ in 0..rounds {
+        each(&trainer.train_round()?);
+    }
+    Ok(trainer)
+}
+
+pub(super) fn drive(case: &TrainingCase) -> Result<LearningCurve, ExperimentError> {
+    let mut curve = LearningCurve::default();
+    train(&case.config, case.rounds, &mut |report| {
+        let episodes = &report.episodes;
+        let reward: f64 = episodes.iter().map(|episode| episode.reward).sum();
+        curve.reward.push(reward / episodes.len().max(1) as f64);
+        let unsafe_actions = episodes.iter().map(|episode| episode.unsafe_actions);
+        curve.unsafe_actions.push(unsafe_actions.sum());
+    })?;
+    Ok(curve)
+}
+
+/// What a folder of `covista train` holds: its settings and its learning curve.
+///
+/// # Errors
+/// When a file is missing or is not what `covista train` writes.
+pub fn read_training(folder: &Path) -> Result<(TrainingCase, LearningCurve), ExperimentError> {
+    let settings_file = folder.join("settings.json");
+    let wrong = |path: &Path, problem: String| ExperimentError::Training {
+        path: path.to_owned(),
+        problem,
+    };
+    let text = |path: &Path| {
+        std::fs::read_to_string(path)
+            .map_err(|error| wrong(path, format!("cannot be read ({error})")))
+    };
+    let in_settings = |problem: String| wrong(&settings_file, problem);
+    let settings: Value = serde_json::from_str(&text(&settings_file)?)
+        .map_err(|error| in_settings(format!("is no JSON ({error})")))?;
+    let rounds: u64 = field(&settings, "rounds").map_err(in_settings)?;
+    let config = TrainingConfig {
+        environments: field(&settings, "environments").map_err(in_settings)?,
+        environment: field(&settings, "environment").map_err(in_settings)?,
+        training: field(&settings, "training").map_err(in_settings)?,
+    };
+    let curve_file = folder.join("curve.csv");
+    let curve =
+        parse_curve(&text(&curve_file)?, rounds).map_err(|problem| wrong(&curve_file, problem))?;
+    Ok((TrainingCase { config, rounds }, curve))
+}
+
+fn field<T: DeserializeOwned>(settings: &Value, name: &str) -> Result<T, String> {
+    let value = settings
+        .get(name)
+        .ok_or_else(|| format!("has no field {name}"))?;
+    serde_json::from_value(value.clone())
+        .map_err(|error| format!("has a {name} that is none ({error})"))
+}
+
+fn parse_curve(text: &str, rounds: u64) -> Result<LearningCurve, String> {
+    let mut lines = text.lines();
+    let header: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
+    let column = |name: &str| {
+        let place = header.iter().position(|column| *column == name);
+        place.ok_or_else(|| format!("has no column {name}"))
+    };
+    let (rewards, unsafe_actions) = (column("reward")?, column("unsafe_actions")?);
+    let mut curve = LearningCurve::default();
+    for (number, line) in lines.enumerate() {
+        let cells: Vec<&str> = line.split(',').collect();
+        let reward = cells.get(rewards).and_then(|cell| cell.parse::<f64>().ok());
+        let counted = cells.get(unsafe_actions).and_then(|cell| cell.parse().ok());
+        let (Some(reward), Some(counted)) = (reward.filter(|reward| reward.is_finite()), counted)
+        else {
+            return Err(format!(
+                "line {} has no reward or no count of unsafe actions",
+                number + 2
+            ));
+        };
+        curve.reward.push(reward);
+        curve.unsafe_actions.push(counted);
+    }
+    if curve.reward.len() as u64 != rounds {
+        let found = curve.reward.len();
+        return Err(format!("has {found} rounds, settings.json says {rounds}"));
+    }
+    Ok(curve)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_learning_curve_is_read_by_the_names_of_its_columns() {
+        let text = "round,unsafe_actions,reward\n1,7,-2.5\n2,0,31.25\n";
+        let curve = parse_curve(text, 2).expect("a curve");
+        assert_eq!(
+            (curve.reward, curve.unsafe_actions),
+            (vec![-2.5, 31.25], vec![7, 0])
+        );
+        for (bad, rounds, part) in [
+            ("round,reward\n1,2\n", 1, "unsafe_actions"),
+            ("reward,unsafe_actions\n1,2\nNaN,3\n", 2, "line 3"),
+            ("reward,unsafe_actions\n1\n", 1, "line 2"),
+            (
+                "reward,unsafe_actions\n1,2\n",
+                4,
+                "1 rounds, settings.json says 4",
+            ),
+            ("", 0, "reward"),
+        ] {
+            let problem = parse_curve(bad, rounds).expect_err("refused");
+            assert!(problem.contains(part), "{problem}");
+        }
+    }
+}
