@@ -217,7 +217,8 @@ impl Ring {
             speed_mps: leader.speed_mps,
         });
         if let Some((leader, ahead)) = leader.zip(ahead) {
-            self.sums.headway(ahead.gap_m + vehicle.half_lengths_m(leader));
+            self.sums
+                .headway(ahead.gap_m + vehicle.half_lengths_m(leader));
         }
         let vehicle = &mut self.vehicles[index];
         let (speed_mps, wheelbase_m) = (vehicle.speed_mps, vehicle.dimensions.wheelbase_m);

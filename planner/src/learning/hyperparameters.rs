@@ -164,7 +164,12 @@ impl Hyperparameters {
         check("last_exploration", last, share, is_share(last))?;
         let repeated = self.exploration_steps;
         let must = "between 1 and 1000";
-        check("exploration_steps", repeated, must, (1..=1000).contains(&repeated))?;
+        check(
+            "exploration_steps",
+            repeated,
+            must,
+            (1..=1000).contains(&repeated),
+        )?;
         let entropy = self.entropy_weight;
         let must = "finite and not negative";
         check(
