@@ -1,6 +1,5 @@
 mod causes;
 mod followers;
-mod speed;
 mod strict;
 
 use covista_traffic::VehicleKind;
