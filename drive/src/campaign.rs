@@ -26,6 +26,7 @@ mod plant;
 mod road;
 mod scenario;
 mod sedan;
+mod stage;
 mod tally;
 mod timing;
 mod watch;

@@ -22,6 +22,7 @@ mod monitor;
 mod recorded;
 mod run;
 mod senses;
+mod snapshot;
 mod summary;
 mod tally;
 mod trace;
@@ -65,10 +66,9 @@ pub use experiment::{
 };
 pub use monitor::{CavView, Distributions, Histogram, Monitor, PlacedTrack, TrueBarriers};
 pub use recorded::{FittedPicture, Lacking, RecordedError, calibration_of};
-pub use run::{
-    CavSnapshot, FocusSnapshot, Observe, RecordError, RunConfig, RunError, Snapshot, run,
-};
+pub use run::{RunConfig, RunError, run};
 pub use senses::Senses;
+pub use snapshot::{CavSnapshot, FocusSnapshot, Observe, RecordError, Snapshot};
 pub use summary::{CavSummary, RunSummary, StageWallTimes};
 pub use trace::{TRACE_HEADER, TraceRow};
 pub use training::{TrainingConfig, TrainingError};

@@ -1,6 +1,5 @@
 use std::{
     collections::{BTreeMap, BTreeSet},
-    error::Error,
     time::Instant,
 };
 
@@ -8,18 +7,16 @@ use covista_control::{ControlSettings, RoadProfile, SettingsError};
 use covista_perception::PerceiveError;
 use covista_planner::InvalidObservation;
 use covista_sensors::{RayScene, in_line_of_sight};
-use covista_sharing::{Channel, ChannelSettings, Delivery, OwnState, TrackerSettings};
+use covista_sharing::{Channel, ChannelSettings, Delivery, TrackerSettings};
 use covista_traffic::{Scenario, ScenarioError, Traffic, VehicleId, VehicleKind};
-use covista_world::{
-    Calibration, CollectivePerceptionMessage, ControlInput, FilterOutcome, LaneIndex, LaneMarks,
-    Percept, STEP_S, SensorFrame, StationId, Track,
-};
+use covista_world::{Calibration, ControlInput, FilterOutcome, LaneIndex, STEP_S, Track};
 use nalgebra::Point3;
 
 use crate::{
     cav::{Cav, Odometry},
     monitor::{CavView, Monitor, PlacedTrack},
     senses::{Sensed, Senses},
+    snapshot::{CavSnapshot, FocusSnapshot, Observe, RecordError, Snapshot},
     summary::RunSummary,
     tally::Tally,
     trace::TraceRow,
@@ -72,56 +69,6 @@ pub enum RunError {
     /// The observer refused a snapshot.
     #[error("cannot record the run: {0}")]
     Record(#[source] RecordError),
-}
-
-/// Whatever keeps an observer from recording a snapshot.
-pub type RecordError = Box<dyn Error + Send + Sync>;
-
-/// Takes up the snapshots of a run.
-pub type Observe<'a> = dyn FnMut(&Snapshot<'_>) -> Result<(), RecordError> + 'a;
-
-/// The closed loop at one instant, every 0.1 s, for whoever records it.
-pub struct Snapshot<'a> {
-    /// Time in seconds.
-    pub time_s: f64,
-    /// The truth.
-    pub traffic: &'a Traffic,
-    /// The truth, one row a vehicle.
-    pub rows: Vec<TraceRow>,
-    /// Pairs of CAVs between which messages pass.
-    pub links: &'a [(StationId, StationId)],
-    /// Each CAV's own state and percepts.
-    pub cavs: Vec<CavSnapshot<'a>>,
-    /// Who of the CAVs has line of sight to whom, from its LIDAR's place.
-    pub in_sight: &'a BTreeSet<(VehicleId, VehicleId)>,
-    /// The CAV whose sensors are shown, at its perception frames.
-    pub focus: Option<FocusSnapshot<'a>>,
-}
-
-/// What one CAV tells of itself and perceives.
-pub struct CavSnapshot<'a> {
-    /// The vehicle.
-    pub id: VehicleId,
-    /// What it tells of itself.
-    pub own: OwnState,
-    /// At perception frames, what it perceives, in its vehicle frame.
-    pub percepts: Option<&'a [Percept]>,
-}
-
-/// What one CAV measured and knows.
-pub struct FocusSnapshot<'a> {
-    /// The CAV.
-    pub station: StationId,
-    /// Mounting of its sensors.
-    pub calibration: &'a Calibration,
-    /// What it measured, where networks run.
-    pub frame: Option<&'a (SensorFrame, LaneMarks)>,
-    /// What it perceives in this frame, in its vehicle frame.
-    pub percepts: &'a [Percept],
-    /// What it knows.
-    pub tracks: Vec<Track>,
-    /// The messages that reached it last.
-    pub heard: Vec<&'a CollectivePerceptionMessage>,
 }
 
 /// Drives `config.scenario` once. `observe` is called every 0.1 s of simulated time.

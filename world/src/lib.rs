@@ -13,10 +13,12 @@ mod behaviour;
 mod bicycle;
 mod calibration;
 mod dimensions;
+mod frenet;
 mod geometry;
 mod lane;
 mod percept;
 mod road;
+mod road_segment;
 mod sensing;
 mod sharing;
 mod validate;
@@ -25,12 +27,14 @@ pub use behaviour::{Action, ActionVerdict, BarrierKind, FilterOutcome};
 pub use bicycle::{BicycleState, ControlInput, STEP_S, bicycle_step};
 pub use calibration::{Calibration, CalibrationError, CameraIntrinsics};
 pub use dimensions::{ObjectClass, VehicleDimensions};
+pub use frenet::{FrenetPoint, FrenetPose};
 pub use geometry::{Se2Pose, wrap_angle};
 pub use lane::{LANE_COUNT, LaneIndex};
 pub use percept::{
     Detection3d, LaneMarks, MARK_COUNT, MarkCurve, MarkPoint, Percept, ROW_ANCHORS, RowAnchor,
 };
-pub use road::{FrenetPoint, FrenetPose, Road, RoadError, RoadSegment};
+pub use road::{Road, RoadError};
+pub use road_segment::RoadSegment;
 pub use sensing::{CameraImage, FreeSpace, PointCloud, SensorFrame};
 pub use sharing::{
     CollectivePerceptionMessage, ObjectState, PerceivedObject, Sighting, StationId, Track,

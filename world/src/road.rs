@@ -1,7 +1,6 @@
 use nalgebra::Vector2;
-use serde::{Deserialize, Serialize};
 
-use crate::{LANE_COUNT, LaneIndex, Se2Pose, wrap_angle};
+use crate::{FrenetPoint, FrenetPose, LANE_COUNT, LaneIndex, RoadSegment, Se2Pose, wrap_angle};
 
 mod milestones;
 #[cfg(test)]
@@ -12,80 +11,6 @@ use milestones::Milestones;
 const NODE_SPACING_M: f64 = 0.5;
 /// Every so many nodes there is a milestone, for the coarse search.
 const MILESTONE_NODES: usize = 8;
-
-/// A piece of the reference line.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
-pub enum RoadSegment {
-    /// Curvature zero.
-    Straight {
-        /// Length along the reference line.
-        length_m: f64,
-    },
-    /// Curvature that goes linearly from the one end's to the other's.
-    Clothoid {
-        /// Length along the reference line.
-        length_m: f64,
-        /// Curvature at the start in 1/m, positive to the left.
-        from_per_m: f64,
-        /// Curvature at the end in 1/m, positive to the left.
-        to_per_m: f64,
-    },
-    /// Constant curvature.
-    Arc {
-        /// Length along the reference line.
-        length_m: f64,
-        /// Curvature in 1/m, positive to the left.
-        curvature_per_m: f64,
-    },
-}
-
-impl RoadSegment {
-    /// Length along the reference line in metres.
-    pub fn length_m(&self) -> f64 {
-        match *self {
-            Self::Straight { length_m }
-            | Self::Clothoid { length_m, .. }
-            | Self::Arc { length_m, .. } => length_m,
-        }
-    }
-
-    fn curvatures(&self) -> (f64, f64) {
-        match *self {
-            Self::Straight { .. } => (0.0, 0.0),
-            Self::Clothoid {
-                from_per_m,
-                to_per_m,
-                ..
-            } => (from_per_m, to_per_m),
-            Self::Arc {
-                curvature_per_m, ..
-            } => (curvature_per_m, curvature_per_m),
-        }
-    }
-}
-
-/// A position along (`s_m`) and to the left (`d_m`) of the reference line.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct FrenetPoint {
-    /// Arc length along the reference line in metres.
-    pub s_m: f64,
-    /// Signed distance from the reference line in metres, positive to the left.
-    pub d_m: f64,
-}
-
-/// A Frenet position with the heading relative to the road.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct FrenetPose {
-    /// Arc length along the reference line in metres.
-    pub s_m: f64,
-    /// Signed distance from the reference line in metres, positive to the left.
-    pub d_m: f64,
-    /// Heading minus the road's heading, in (-pi, pi].
-    pub psi_rad: f64,
-    /// Curvature of the reference line at `s_m` in 1/m.
-    pub curvature_per_m: f64,
-}
 
 /// Why a road cannot be built.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

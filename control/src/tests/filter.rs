@@ -208,6 +208,27 @@ fn with_an_affine_row_the_answer_is_clarabels() {
 }
 
 #[test]
+fn a_follower_gives_way_to_ones_own_barrier_and_that_to_the_front() {
+    let own = |coefficient: f64, least: f64| AffineRow {
+        kind: BarrierKind::Affine(0),
+        coefficients: [0.0, coefficient],
+        least,
+    };
+    for solver in BOTH {
+        // a >= 1 for the follower, a <= -1 for the own barrier.
+        let behind = rows(&[], &[rear(1.0)]);
+        let found = filtered(input(0.0, 0.0), &behind, &[own(-1.0, 1.0)], solver);
+        near(found, input(0.0, -1.0));
+        assert_eq!(found.outcome, FilterOutcome::Filtered);
+        // a <= -2 for the front, a >= 0 for the own barrier.
+        let ahead = rows(&[front(-2.0)], &[]);
+        let found = filtered(input(0.0, 0.0), &ahead, &[own(1.0, 0.0)], solver);
+        near(found, input(0.0, -2.0));
+        assert_eq!(found.outcome, FilterOutcome::Relaxed);
+    }
+}
+
+#[test]
 fn no_answer_is_a_backup() {
     let nan = AffineRow {
         kind: BarrierKind::Affine(0),

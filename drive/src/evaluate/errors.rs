@@ -20,8 +20,9 @@ pub use fit::{FitError, fit_errors};
 
 use super::{EvaluateError, Evaluated, Progress, file_of};
 use crate::recorded::{FittedPicture, Lacking, with_files};
-use crate::run::{RunConfig, RunError, Snapshot, run};
+use crate::run::{RunConfig, RunError, run};
 use crate::senses::Senses;
+use crate::snapshot::Snapshot;
 use matching::matched;
 
 /// A box that was found, in the LIDAR frame, and the lane that it was given.
