@@ -137,7 +137,7 @@ impl RingEnvironment {
         if settings.steps == 0 {
             return Err(RingEnvironmentError::NoSteps);
         }
-        if !(settings.communication_m >= 0.0) {
+        if settings.communication_m.is_nan() || settings.communication_m < 0.0 {
             return Err(RingEnvironmentError::Communication(
                 settings.communication_m,
             ));

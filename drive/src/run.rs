@@ -9,7 +9,7 @@ use covista_planner::InvalidObservation;
 use covista_sensors::{RayScene, in_line_of_sight};
 use covista_sharing::{Channel, ChannelSettings, Delivery, TrackerSettings};
 use covista_traffic::{Scenario, ScenarioError, Traffic, VehicleId, VehicleKind};
-use covista_world::{Calibration, ControlInput, FilterOutcome, LaneIndex, STEP_S, Track};
+use covista_world::{Calibration, ControlInput, FilterOutcome, LaneIndex, STEP_S};
 use nalgebra::Point3;
 
 use crate::{

@@ -182,7 +182,7 @@ impl Knowledge {
     /// Those of `known` for the planner.
     pub fn observed(&self, known: &[Known]) -> Vec<planner::Neighbour> {
         let seen = |known: &Known| {
-            let observed = self.observed[known.vehicle].clone();
+            let observed = self.observed[known.vehicle];
             let told = known.tells;
             planner::Neighbour {
                 s_m: observed.s_m + known.farther_m,
