@@ -109,12 +109,11 @@ fn cases(folder: &Path) -> Vec<(String, String)> {
 fn cav_ratio_has_the_papers_column_beside_ours() {
     let out = tempfile::tempdir().expect("a folder");
     let copy = out.path().join("copy.json");
-    let said = run(learned(
-        "cav-ratio",
-        out.path(),
-        &["--seeds", "2", "--episode", "2", "--json"],
-    )
-    .arg(&copy));
+    let said = run(
+        learned("cav-ratio", out.path(), &["--seeds", "2", "--episode", "2"])
+            .arg("--json")
+            .arg(&copy),
+    );
     for part in [
         "paper",
         "60.06",
@@ -236,15 +235,16 @@ fn without_the_mapping_unsafe_actions_are_taken() {
     ));
     let rows = rows(&out.path().join("safety.json"));
     assert_eq!(rows.len(), 2 * 9);
-    let sum = |algorithm: &str, name: &str| -> f64 {
+    let sum = |algorithm: &str, name: &str| -> u64 {
         let of = rows.iter().filter(|row| row["algorithm"] == algorithm);
-        of.map(|row| row[name].as_f64().expect("a number")).sum()
+        let of = of.map(|row| row[name].as_f64().expect("a number"));
+        of.sum::<f64>().round() as u64
     };
-    assert_eq!(sum("ours", "unsafe_actions"), 0.0);
-    assert_eq!(sum("ours", "violations_unattributed"), 0.0);
-    assert_eq!(sum("ours", "decisions"), 9.0 * 18.0 * 6.0);
-    assert!(sum("maddpg", "unsafe_actions") > 0.0);
-    assert_eq!(sum("maddpg", "paper_unsafe_actions"), 801_517.0);
+    assert_eq!(sum("ours", "unsafe_actions"), 0);
+    assert_eq!(sum("ours", "violations_unattributed"), 0);
+    assert_eq!(sum("ours", "decisions"), 9 * 18 * 6);
+    assert!(sum("maddpg", "unsafe_actions") > 0);
+    assert_eq!(sum("maddpg", "paper_unsafe_actions"), 799_672);
 }
 
 #[test]

@@ -11,6 +11,9 @@ use serde_json::Value;
 
 use crate::output::{prepare_folder, write_json};
 
+/// Cases with what driving them gave.
+type Driven = Vec<(Case, Figures)>;
+
 const PLAN_FILE: &str = "plan.json";
 
 /// The folder of an experiment: its plan, and a file for each case that has been driven.
@@ -80,7 +83,7 @@ impl Store {
     }
 
     /// The cases of the plan that have been driven, with their figures, and the names of the others.
-    pub fn cases(&self, plan: &Plan) -> anyhow::Result<(Vec<(Case, Figures)>, Vec<String>)> {
+    pub fn cases(&self, plan: &Plan) -> anyhow::Result<(Driven, Vec<String>)> {
         let (mut driven, mut missing) = (Vec::new(), Vec::new());
         for case in plan.cases()? {
             match self.find(plan, &case)? {

@@ -73,13 +73,13 @@ pub(super) enum Decider {
         is_mapped: bool,
     },
     KeepLane,
-    Random(ChaCha8Rng),
+    Random(Box<ChaCha8Rng>),
 }
 
 impl Decider {
     /// Draws at random as `seed` has it.
     pub fn random(seed: u64) -> Self {
-        Self::Random(ChaCha8Rng::seed_from_u64(mixed(seed, DRAWS)))
+        Self::Random(Box::new(ChaCha8Rng::seed_from_u64(mixed(seed, DRAWS))))
     }
 
     pub fn decide(&mut self, situation: &Situation<'_>) -> Action {
@@ -96,7 +96,7 @@ impl Decider {
             Self::KeepLane => {
                 mapped_best(&[0.0; 3], safe.and(ActionSet::EMPTY.with(Action::KeepLane)))
             }
-            Self::Random(rng) => any_of(safe, rng),
+            Self::Random(rng) => any_of(safe, &mut **rng),
         }
     }
 }

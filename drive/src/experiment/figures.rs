@@ -8,7 +8,7 @@ use crate::{RingSafety, RingTally};
 #[serde(rename_all = "kebab-case")]
 pub enum Figures {
     /// Of a [`super::LoopCase`].
-    Loop(LoopFigures),
+    Loop(Box<LoopFigures>),
     /// Of a [`super::SceneCase`].
     Scene(SceneFigures),
     /// Of a [`super::TrainingCase`].

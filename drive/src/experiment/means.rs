@@ -19,7 +19,7 @@ impl Means {
     /// When a setting makes no sense or a policy does not fit.
     pub fn drive(&self, case: &Case) -> Result<Figures, ExperimentError> {
         Ok(match case {
-            Case::Loop(case) => Figures::Loop(ring_case::drive(case, &self.policies)?),
+            Case::Loop(case) => Figures::Loop(Box::new(ring_case::drive(case, &self.policies)?)),
             Case::Scene(case) => Figures::Scene(scene_case::drive(case, self.errors.as_ref())?),
             Case::Training(case) => Figures::Training(training_case::drive(case)?),
         })

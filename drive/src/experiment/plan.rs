@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Behaviour, Case, Experiment, ExperimentError, LoopCase, Percepts, Policies, SceneCase, Seeds,
-    TrainingCase, training_config,
+    TrainingCase, training_case::SPEED_WEIGHT, training_config,
 };
 use crate::{ControlMode, RingEnvironment, RingEnvironmentSettings, environment::BEHAVIOUR_S};
 
@@ -132,6 +132,7 @@ impl Plan {
             watched: self.experiment == Experiment::Safety,
             ..RingEnvironmentSettings::default()
         };
+        environment.reward.speed_weight = SPEED_WEIGHT;
         environment.ring.vehicles = VEHICLES;
         environment.ring.cavs = if behaviour == Behaviour::Idm { 0 } else { cavs };
         environment.ring.density = density;

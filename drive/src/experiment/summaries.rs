@@ -37,7 +37,7 @@ fn loops(driven: &[(Case, Figures)]) -> Loops<'_> {
     let of = driven
         .iter()
         .filter_map(|(case, figures)| match (case, figures) {
-            (Case::Loop(case), Figures::Loop(figures)) => Some((case, figures)),
+            (Case::Loop(case), Figures::Loop(figures)) => Some((case, figures.as_ref())),
             _ => None,
         });
     of.collect()

@@ -1,33 +1,48 @@
 use std::path::Path;
 
-use covista_planner::learning::{Algorithm, RoundReport, Sharing, Trainer, TrainingSettings};
+use covista_planner::learning::{
+    Algorithm, Hyperparameters, RoundReport, Sharing, Trainer, TrainingSettings,
+};
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use super::{Behaviour, ExperimentError, LearningCurve, TrainingCase};
 use crate::{ControlMode, RingEnvironment, RingEnvironmentSettings, TrainingConfig};
 
-/// How `algorithm` is trained where nothing else is said: one network for all CAVs, and episodes
-/// of `steps` behaviour steps if that is given. A collision ends an episode; MADDPG alone has no
-/// safety filter.
+/// omega of the reward that policies are trained with: a lane change must pay before it is over.
+pub(super) const SPEED_WEIGHT: f64 = 1.0;
+
+/// How `algorithm` is trained where nothing else is said: as the shipped policies were, with
+/// episodes of `steps` behaviour steps if that is given. Only who learns what differs, and that
+/// MADDPG has no safety filter.
 pub fn training_config(algorithm: Algorithm, steps: Option<u64>, seed: u64) -> TrainingConfig {
     let mut environment = RingEnvironmentSettings {
         watched: false,
         ..RingEnvironmentSettings::default()
     };
     environment.steps = steps.unwrap_or(environment.steps);
+    environment.reward.speed_weight = SPEED_WEIGHT;
     if !Behaviour::of(algorithm).is_filtered() {
         environment.control.mode = ControlMode::Off;
     }
     TrainingConfig {
+        environments: 2,
         environment,
         training: TrainingSettings {
             algorithm,
             sharing: Sharing::Shared,
+            hyperparameters: Hyperparameters {
+                discount: 0.97,
+                reward_center: 18.0,
+                reward_scale: 0.2,
+                first_exploration: 0.3,
+                exploration_steps: 8,
+                exploration_decisions: 12_000,
+                entropy_weight: 0.3,
+                ..Hyperparameters::default()
+            },
             seed,
-            ..TrainingSettings::default()
         },
-        ..TrainingConfig::default()
     }
 }
 
@@ -129,6 +144,20 @@ fn parse_curve(text: &str, rounds: u64) -> Result<LearningCurve, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_configurations_beside_the_training_scripts_are_these() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/training/policies");
+        for algorithm in [
+            Algorithm::SafeActorCritic,
+            Algorithm::MaddpgMapped,
+            Algorithm::Maddpg,
+        ] {
+            let name = Behaviour::of(algorithm).name();
+            let read = TrainingConfig::load(&folder.join(format!("{name}.toml"))).expect("read");
+            assert_eq!(read, training_config(algorithm, None, 1), "{name}");
+        }
+    }
 
     #[test]
     fn a_learning_curve_is_read_by_the_names_of_its_columns() {
