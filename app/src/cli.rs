@@ -440,7 +440,17 @@ pub enum BenchWhat {
     /// Human traffic on the three-lane loop, on one core
     Traffic(TrafficBenchArgs),
     /// The closed loop without networks, an episode of training, and one agent's update
-    Training(TrafficBenchArgs),
+    Training(TrainingBenchArgs),
+}
+
+#[derive(Debug, Args)]
+pub struct TrainingBenchArgs {
+    /// Decisions of the episode of Alg. 2; 800 are the paper's 40,000 control steps
+    #[arg(long, value_name = "N", default_value = "800")]
+    pub decisions: NonZeroU64,
+    /// Write settings, machine and rows to FILE
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]

@@ -4,6 +4,7 @@
 mod cav;
 mod knowledge;
 mod tally;
+mod timing;
 mod view;
 mod watch;
 
@@ -24,6 +25,7 @@ use serde::{Deserialize, Serialize};
 use cav::{RingCav, nearest_lane};
 use knowledge::{Hearing, Knowledge};
 pub use tally::RingTally;
+pub use timing::time_closed_loop;
 pub use watch::RingSafety;
 use watch::Watch;
 

@@ -49,6 +49,7 @@ pub use covista_traffic::{
 };
 pub use environment::{
     RingEnvironment, RingEnvironmentError, RingEnvironmentSettings, RingSafety, RingTally,
+    time_closed_loop,
 };
 pub use evaluate::{
     Bar, ClassEvaluation, CooperativeEvaluation, CooperativeRuns, DataOrigin, DetectorEvaluation,

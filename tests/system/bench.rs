@@ -57,6 +57,32 @@ fn bench_traffic_has_a_row_for_each_number_of_vehicles() {
     }
 }
 
+#[test]
+fn bench_training_tells_what_an_update_costs_among_30_and_1000_cavs() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let json = folder.path().join("training.json");
+    let output = covista()
+        .args(["bench", "training", "--decisions", "4", "--json"])
+        .arg(&json)
+        .output()
+        .expect("covista runs");
+    assert!(output.status.success(), "{output:?}");
+    let table = String::from_utf8(output.stdout).expect("text");
+    assert!(table.contains("x real time"), "{table}");
+    let text = fs::read_to_string(&json).expect("the report");
+    let report: Value = serde_json::from_str(&text).expect("JSON");
+    let rows = report["rows"].as_array().expect("rows");
+    let bytes = |algorithm: &str, agents: u64| {
+        let is = |row: &&Value| row["algorithm"] == algorithm && row["agents"] == agents;
+        let row = rows.iter().find(is).expect("a row");
+        assert!(row["median_ms"].as_f64().expect("a number") > 0.0);
+        row["critic_input_bytes"].as_u64().expect("a number")
+    };
+    let ours = "safe-actor-critic";
+    assert_eq!(bytes(ours, 30), bytes(ours, 1000));
+    assert!(bytes("maddpg", 1000) > 30 * bytes("maddpg", 30));
+}
+
 /// `covista bench perception` of the networks in `models`, on the CPU, three frames each.
 fn perception(models: &Path) -> Command {
     let mut command = covista();

@@ -5,25 +5,25 @@ use std::time::Instant;
 
 use covista_drive::{
     Algorithm, Hyperparameters, RingEnvironmentSettings, RingSettings, TrainingConfig, UpdateCost,
-    update_cost,
+    time_closed_loop, update_cost,
 };
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use crate::{
-    cli::TrafficBenchArgs,
+    cli::TrainingBenchArgs,
     output::{Report, prepare_file, say, write_json},
     table::aligned,
 };
 
 /// CAVs of the episode and of the closed loop, as in the paper's.
 const CAVS: usize = 30;
-/// Control steps of the episode: 800 decisions.
-const EPISODE_DECISIONS: u64 = 800;
-/// Decisions of the closed loop alone.
+/// Decisions of the closed loop alone, at the most.
 const LOOP_DECISIONS: u64 = 100;
-/// Updates that are timed.
-const UPDATES: usize = 200;
+/// Control steps of 0.01 s between two decisions.
+const STEPS_A_DECISION: u64 = 50;
+/// Updates that are timed, at the most.
+const UPDATES: u64 = 200;
 /// CAVs beside which an update is timed.
 const SCALES: [usize; 2] = [30, 1000];
 
@@ -34,6 +34,7 @@ enum Row {
     ClosedLoop {
         what: &'static str,
         cavs: usize,
+        loops: usize,
         control_steps: u64,
         times_real_time: f64,
     },
@@ -48,7 +49,7 @@ enum Row {
 }
 
 /// `covista bench training`.
-pub(super) fn run(args: &TrafficBenchArgs) -> anyhow::Result<()> {
+pub(super) fn run(args: &TrainingBenchArgs) -> anyhow::Result<()> {
     if let Some(json) = &args.json {
         prepare_file(json)?;
     }
@@ -57,20 +58,22 @@ pub(super) fn run(args: &TrafficBenchArgs) -> anyhow::Result<()> {
         bar.set_style(style.progress_chars("=> "));
     }
     bar.set_message("closed loop");
-    let mut rows = vec![closed_loop()?];
+    let decisions = args.decisions.get();
+    let mut rows = vec![closed_loop(decisions.min(LOOP_DECISIONS))?];
     bar.inc(1);
     let hyperparameters = Hyperparameters::default();
     let neighbours = RingEnvironmentSettings::default().neighbours;
+    let updates = decisions.min(UPDATES) as usize;
     for algorithm in [Algorithm::SafeActorCritic, Algorithm::Maddpg] {
         for cavs in SCALES {
             bar.set_message(format!("an update among {cavs} CAVs"));
-            let cost = update_cost(algorithm, cavs, neighbours, hyperparameters, UPDATES)?;
+            let cost = update_cost(algorithm, cavs, neighbours, hyperparameters, updates)?;
             rows.push(Row::Update(cost));
             bar.inc(1);
         }
     }
     bar.set_message("an episode");
-    rows.push(episode()?);
+    rows.push(episode(decisions)?);
     bar.finish_and_clear();
     say(table(&rows).trim_end())?;
     match &args.json {
@@ -89,34 +92,33 @@ fn config(decisions: u64) -> TrainingConfig {
         environment: RingEnvironmentSettings {
             ring,
             steps: decisions,
+            watched: false,
             ..RingEnvironmentSettings::default()
         },
         ..TrainingConfig::default()
     }
 }
 
-/// Untrained actors drive: what the environment and their decisions cost.
-fn closed_loop() -> anyhow::Result<Row> {
-    let mut trainer = config(LOOP_DECISIONS).start()?;
-    let start = Instant::now();
-    trainer.evaluate(0)?;
-    let control_steps = LOOP_DECISIONS * 50;
+/// Random safe actions, a loop on each core.
+fn closed_loop(decisions: u64) -> anyhow::Result<Row> {
+    let loops = std::thread::available_parallelism().map_or(1, Into::into);
     Ok(Row::ClosedLoop {
         what: "closed loop",
         cavs: CAVS,
-        control_steps,
-        times_real_time: control_steps as f64 * 0.01 / start.elapsed().as_secs_f64(),
+        loops,
+        control_steps: decisions * STEPS_A_DECISION,
+        times_real_time: time_closed_loop(config(decisions).environment, loops)?,
     })
 }
 
-fn episode() -> anyhow::Result<Row> {
-    let mut trainer = config(EPISODE_DECISIONS).start()?;
+fn episode(decisions: u64) -> anyhow::Result<Row> {
+    let mut trainer = config(decisions).start()?;
     let start = Instant::now();
     let report = trainer.train_round()?;
     Ok(Row::Episode {
         what: "episode of Alg. 2, independent learners",
         cavs: CAVS,
-        control_steps: EPISODE_DECISIONS * 50,
+        control_steps: decisions * STEPS_A_DECISION,
         updates: report.updates.updates,
         episode_s: start.elapsed().as_secs_f64(),
     })
