@@ -2,12 +2,12 @@
 
 mod curve;
 
-use std::time::Instant;
+use std::{path::Path, time::Instant};
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 use covista_drive::{RingEnvironment, Trainer, TrainingConfig};
 use indicatif::{ProgressBar, ProgressStyle};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::{
     cli::TrainArgs,
@@ -30,6 +30,7 @@ pub fn run(args: &TrainArgs) -> anyhow::Result<()> {
     let checkpoint = args.out.join("checkpoint.safetensors");
     let goes_on = args.resume && checkpoint.exists();
     let (mut trainer, mut curve) = if goes_on {
+        check_settings(&config, &args.out)?;
         let trainer = config.resume(&checkpoint)?;
         let curve = Curve::load(&args.out, trainer.rounds())?;
         (trainer, curve)
@@ -93,13 +94,39 @@ fn keep(
     trainer.save(&args.out.join("checkpoint.safetensors"))?;
     trainer.save_policy(&args.out.join("policy.safetensors"))?;
     curve.save(&args.out)?;
-    let settings = json!({
-        "command": "train",
-        "version": env!("CARGO_PKG_VERSION"),
-        "rounds": trainer.rounds(),
+    let mut settings = settings_of(config);
+    settings["command"] = "train".into();
+    settings["version"] = env!("CARGO_PKG_VERSION").into();
+    settings["rounds"] = trainer.rounds().into();
+    write_json(&args.out.join("settings.json"), &settings)
+}
+
+fn settings_of(config: &TrainingConfig) -> Value {
+    json!({
         "environments": config.environments,
         "environment": config.environment,
-        "training": trainer.settings(),
-    });
-    write_json(&args.out.join("settings.json"), &settings)
+        "training": config.training,
+    })
+}
+
+/// Refuses to go on with other settings than the training in `folder` began with.
+fn check_settings(config: &TrainingConfig, folder: &Path) -> anyhow::Result<()> {
+    let file = folder.join("settings.json");
+    let place = file.display();
+    let text = std::fs::read_to_string(&file)
+        .with_context(|| format!("cannot read {place}; leave out --resume to begin anew"))?;
+    let began: Value = serde_json::from_str(&text)
+        .with_context(|| format!("{place} is no JSON; leave out --resume to begin anew"))?;
+    // By way of text, as those came: numbers may lose their last bit in it.
+    let asked: Value = serde_json::from_str(&settings_of(config).to_string())?;
+    let differs = |part: &&&str| began[part] != asked[part];
+    match ["environments", "environment", "training"]
+        .iter()
+        .find(differs)
+    {
+        Some(part) => bail!(
+            "the training of {place} has another {part} than --config; give the same settings, or leave out --resume to begin anew"
+        ),
+        None => Ok(()),
+    }
 }

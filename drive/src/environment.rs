@@ -123,6 +123,7 @@ pub struct RingEnvironment {
     inputs: Vec<ControlInput>,
     announced: Vec<(Action, f64)>,
     speeds_mps: Vec<f64>,
+    driven: Vec<Action>,
 }
 
 impl RingEnvironment {
@@ -158,6 +159,7 @@ impl RingEnvironment {
             inputs: Vec::new(),
             announced: Vec::new(),
             speeds_mps: Vec::new(),
+            driven: Vec::new(),
             settings,
             ring,
             profile,
@@ -219,27 +221,32 @@ impl RingEnvironment {
             .extend(self.ring.vehicles().iter().map(|vehicle| vehicle.speed_mps));
         for (cav, &action) in self.cavs.iter_mut().zip(actions) {
             self.tally.decides(cav, action);
-            let was_changing = is_changing(cav.manoeuvre());
             cav.set_action(action, time_s);
-            self.tally.lane_changes += u64::from(!was_changing && is_changing(cav.manoeuvre()));
         }
-        let last = self.step + BEHAVIOUR_STEPS;
-        while self.step < last && !outcome.is_over {
+        let first = self.step;
+        while self.step < first + BEHAVIOUR_STEPS && !outcome.is_over {
             self.control_step()?;
             self.note_collisions(outcome);
         }
         outcome.is_over |= self.step >= self.settings.steps * BEHAVIOUR_STEPS;
-        for (index, (cav, &action)) in self.cavs.iter().zip(actions).enumerate() {
-            let accel_mps2 = (cav.state.speed_mps - self.speeds_mps[index]) / BEHAVIOUR_S;
+        // A collision cuts the step short, and its reward.
+        let driven = (self.step - first) as f64 / BEHAVIOUR_STEPS as f64;
+        self.driven.clear();
+        let about = self.cavs.iter().zip(actions);
+        self.driven
+            .extend(about.map(|(cav, &action)| cav.driven(action)));
+        for (index, (cav, &action)) in self.cavs.iter().zip(&self.driven).enumerate() {
+            let gained_mps = cav.state.speed_mps - self.speeds_mps[index];
+            let accel_mps2 = gained_mps / (driven * BEHAVIOUR_S);
             let reward = &self.settings.reward;
-            let mut r = reward.of(cav.state.speed_mps, accel_mps2, action);
+            let mut r = driven * reward.of(cav.state.speed_mps, accel_mps2, action);
             if outcome.terminated[index] {
                 r -= reward.collision_penalty;
             }
             outcome.rewards[index] = r as f32;
             self.tally.reward += r;
         }
-        self.tally.ends(&self.ring, actions, &self.speeds_mps);
+        self.tally.ends(&self.ring, &self.driven, &self.speeds_mps);
         Ok(())
     }
 
@@ -375,10 +382,6 @@ fn failed(when: String, source: RingEnvironmentError) -> EnvironmentError {
         when,
         source: Box::new(source),
     }
-}
-
-fn is_changing(manoeuvre: Manoeuvre) -> bool {
-    matches!(manoeuvre.action(), Action::ChangeLeft | Action::ChangeRight)
 }
 
 /// The running manoeuvre in the planner's words.

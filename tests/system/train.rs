@@ -74,12 +74,15 @@ fn a_training_writes_its_curve_and_goes_on_where_it_ended() {
 }
 
 #[test]
-fn a_checkpoint_of_other_sizes_or_none_at_all_is_told() {
+fn other_settings_and_a_damaged_checkpoint_are_told() {
     let folder = tempfile::tempdir().expect("a folder");
     trained(TINY, folder.path(), &["--episodes", "1"]);
     let other = TINY.replace("neighbours = 3", "neighbours = 4");
     let mut goes_on = train(&other, folder.path(), &["--resume"]);
-    assert_one_line_error(&mut goes_on, &["checkpoint.safetensors"]);
+    assert_one_line_error(&mut goes_on, &["settings.json", "another environment"]);
+    let other = format!("{TINY}discount = 0.5\n");
+    let mut goes_on = train(&other, folder.path(), &["--resume"]);
+    assert_one_line_error(&mut goes_on, &["settings.json", "another training"]);
 
     let checkpoint = folder.path().join("run/checkpoint.safetensors");
     fs::write(&checkpoint, b"nothing of the kind").expect("a file");

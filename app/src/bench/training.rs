@@ -131,9 +131,10 @@ fn table(rows: &[Row]) -> String {
             what,
             cavs,
             times_real_time,
+            loops,
             ..
         } => vec![
-            (*what).to_owned(),
+            format!("{what}, {loops} side by side"),
             cavs.to_string(),
             format!("{times_real_time:.1} x real time"),
             String::new(),

@@ -1,13 +1,13 @@
 use std::path::Path;
 
 use anyhow::Context;
-use covista_drive::{EpisodeReport, RingEnvironment, RoundReport};
+use covista_drive::{EpisodeReport, RingEnvironment, RingSafety, RoundReport};
 use covista_viewer::record_learning_curve;
 
 use crate::output::write_whole;
 
 const FILE: &str = "curve.csv";
-const COLUMNS: [&str; 12] = [
+const COLUMNS: [&str; 13] = [
     "reward",
     "mean_velocity_mps",
     "comfort",
@@ -20,6 +20,7 @@ const COLUMNS: [&str; 12] = [
     "updates",
     "critic_loss",
     "value",
+    "neighbours_left_out_share",
 ];
 
 /// A learning curve: one row a round.
@@ -39,12 +40,15 @@ pub(super) struct CurveRow {
     pub unsafe_actions: u64,
     pub emergency_stops: u64,
     pub lane_changes: u64,
-    violations: usize,
-    violations_unattributed: usize,
+    /// Not a number where nobody looked on.
+    violations: f64,
+    violations_unattributed: f64,
     collisions: u64,
     updates: u64,
     critic_loss: f64,
     value: f64,
+    /// Share of situations in which K neighbours were too few.
+    neighbours_left_out_share: f64,
 }
 
 impl CurveRow {
@@ -54,7 +58,18 @@ impl CurveRow {
         let mean = |of: &dyn Fn(&RingEnvironment) -> f64| loops.iter().map(of).sum::<f64>() / count;
         let episodes = &report.episodes;
         let sum = |of: fn(&EpisodeReport) -> u64| episodes.iter().map(of).sum();
-        let safety: Vec<_> = loops.iter().filter_map(RingEnvironment::safety).collect();
+        let watched = |of: fn(&RingSafety) -> usize| {
+            let of = |ring: &RingEnvironment| ring.safety().map(|safety| of(&safety) as f64);
+            loops
+                .iter()
+                .map(of)
+                .sum::<Option<f64>>()
+                .unwrap_or(f64::NAN)
+        };
+        let (capped, situations) = loops.iter().fold((0, 0), |(capped, situations), ring| {
+            let cap = ring.encoder().cap;
+            (capped + cap.capped, situations + cap.situations)
+        });
         let collided = loops.iter().map(|ring| ring.ring().report().collisions);
         Self {
             round,
@@ -64,11 +79,10 @@ impl CurveRow {
             unsafe_actions: sum(|episode| episode.unsafe_actions),
             emergency_stops: sum(|episode| episode.emergency_stops),
             lane_changes: loops.iter().map(|ring| ring.tally().lane_changes).sum(),
-            violations: safety.iter().map(|safety| safety.violations).sum(),
-            violations_unattributed: (safety.iter())
-                .map(|safety| safety.violations_unattributed)
-                .sum(),
+            violations: watched(|safety| safety.violations),
+            violations_unattributed: watched(|safety| safety.violations_unattributed),
             collisions: collided.sum(),
+            neighbours_left_out_share: capped as f64 / situations.max(1) as f64,
             updates: report.updates.updates,
             critic_loss: report.updates.critic_loss,
             value: report.updates.value,
@@ -82,14 +96,15 @@ impl CurveRow {
             self.mean_velocity_mps,
             self.comfort,
             self.unsafe_actions as f64,
-            self.violations as f64,
-            self.violations_unattributed as f64,
+            self.violations,
+            self.violations_unattributed,
             self.emergency_stops as f64,
             self.lane_changes as f64,
             self.collisions as f64,
             self.updates as f64,
             self.critic_loss,
             self.value,
+            self.neighbours_left_out_share,
         ]
     }
 }

@@ -197,6 +197,34 @@ fn speed_follows_sight() {
 }
 
 #[test]
+fn towards_the_end_of_sight_it_brakes_hard_as_long_as_the_set_may_hold() {
+    let safety = SafetySettings::default();
+    let (short_m, wide_m) = (safety.shortest_vehicle_m, safety.widest_vehicle_m);
+    let corner_m = 0.5 * (short_m.hypot(wide_m) - short_m);
+    let longer_m = 0.5 * (safety.longest_vehicle_m - short_m);
+    let depth_m = safety.sight_error_m + corner_m + longer_m;
+    let output = |clear_s_m| {
+        let mut drive = Drive::new(straight(), 1, 30.0, 14.0);
+        drive.clear_s_m = clear_s_m;
+        drive.control()
+    };
+    let from_m = 75.0;
+    let h_m = output(from_m).h_m;
+    let at = |wanted_m: f64| {
+        let output = output(from_m + wanted_m - h_m);
+        assert!(
+            (output.h_m - wanted_m).abs() < 1e-6,
+            "{} {wanted_m}",
+            output.h_m
+        );
+        output.u.accel_mps2
+    };
+    let (hard, gentle) = (at(0.01 - depth_m), at(-0.01 - depth_m));
+    assert!(hard < -7.0, "{hard}");
+    assert!((-7.0..0.0).contains(&gentle), "{gentle}");
+}
+
+#[test]
 fn the_filter_seldom_acts_in_ordinary_following() {
     let mut drive = Drive::new(straight(), 1, 30.0, 14.0);
     drive.others = vec![Other::new(1, 75.0, 0.0, 12.0)];

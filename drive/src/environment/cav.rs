@@ -29,6 +29,8 @@ pub(super) struct RingCav {
     pub options: Options,
     pub outcome: FilterOutcome,
     pub input: ControlInput,
+    /// Whether a lane change began in the newest step.
+    pub has_begun: bool,
     controller: Controller,
 }
 
@@ -55,12 +57,30 @@ impl RingCav {
             },
             outcome: FilterOutcome::Nominal,
             input: ControlInput::default(),
+            has_begun: false,
             controller: Controller::new(settings, nearest_lane(road, frenet.d_m))?,
         })
     }
 
     pub fn manoeuvre(&self) -> Manoeuvre {
         self.controller.manoeuvre()
+    }
+
+    /// Whether it changes lanes, or takes that back.
+    pub fn is_changing(&self) -> bool {
+        matches!(
+            self.manoeuvre(),
+            Manoeuvre::ChangeLane { .. } | Manoeuvre::Abort { .. }
+        )
+    }
+
+    /// What it was about in a behaviour step for which it chose `action`: who moves across changes
+    /// lanes, whatever it chose.
+    pub fn driven(&self, action: Action) -> Action {
+        if self.is_changing() && action == Action::KeepLane {
+            return self.manoeuvre().action();
+        }
+        action
     }
 
     /// Takes up where it has come to.
@@ -110,7 +130,9 @@ impl RingCav {
             time_s,
             desired_speed_mps: self.desired_speed_mps,
         };
+        let was_changing = self.is_changing();
         let output = self.controller.control(&situation);
+        self.has_begun = self.is_changing() && !was_changing;
         (self.outcome, self.input) = (output.outcome, output.u);
         self.announce(time_s);
         output.u

@@ -14,7 +14,7 @@ pub struct RingTally {
     pub unsafe_actions: u64,
     /// Emergency stops: decisions where no action was safe.
     pub emergency_stops: u64,
-    /// Lane changes that CAVs began.
+    /// Lane changes that CAVs began, after announcing them.
     pub lane_changes: u64,
     /// Steps of all CAVs' controllers.
     pub control_steps: u64,
@@ -49,11 +49,13 @@ impl RingTally {
 
     pub(super) fn controls(&mut self, cav: &RingCav) {
         self.control_steps += 1;
+        self.lane_changes += u64::from(cav.has_begun);
         self.filtered_steps += u64::from(cav.outcome != FilterOutcome::Nominal);
         self.backup_steps += u64::from(cav.outcome == FilterOutcome::Backup);
     }
 
-    /// A behaviour step of everybody; `before_mps` are the speeds at its beginning.
+    /// A behaviour step of everybody; `actions` are what the CAVs were about in it, `before_mps` the
+    /// speeds at its beginning.
     pub(crate) fn ends(&mut self, ring: &Ring, actions: &[Action], before_mps: &[f64]) {
         for (index, vehicle) in ring.vehicles().iter().enumerate() {
             let own = actions.get(index).copied();

@@ -181,7 +181,9 @@ fn headway(rows: &[Row]) -> Vec<Claim> {
     );
     vec![
         claim(
-            format!("a CAV of ours is never nearer than {SAFE_DISTANCE_M} m to the vehicle ahead"),
+            format!(
+                "at the ends of behaviour steps no CAV of ours is nearer than {SAFE_DISTANCE_M} m to the vehicle ahead"
+            ),
             format!("{cavs:.2} m at the least"),
             cavs >= SAFE_DISTANCE_M,
         ),
@@ -196,11 +198,12 @@ fn headway(rows: &[Row]) -> Vec<Claim> {
 fn episode_reward(rows: &[Row]) -> Vec<Claim> {
     let of = |algorithm, name| {
         let row = rows.iter().find(|row| is_of(row, algorithm));
-        let spread = row.and_then(|row| row.get(name)?.spread);
-        spread.map_or(f64::NAN, |spread| spread.mean)
+        row.and_then(|row| row.get(name)?.spread)
     };
-    let [ours, theirs] = ["ours", "maddpg"].map(|algorithm| of(algorithm, "largest_reward"));
+    let mean = |algorithm| of(algorithm, "largest_reward").map_or(f64::NAN, |spread| spread.mean);
+    let [ours, theirs] = ["ours", "maddpg"].map(mean);
     let unsafe_actions = of("ours", "unsafe_actions_training");
+    let unsafe_actions = unsafe_actions.map_or(f64::NAN, |spread| spread.most);
     vec![
         claim(
             "ours reaches the larger reward",
@@ -209,7 +212,7 @@ fn episode_reward(rows: &[Row]) -> Vec<Claim> {
         ),
         claim(
             "ours takes no unsafe action in training",
-            format!("{unsafe_actions} on average"),
+            format!("{unsafe_actions} at the most"),
             unsafe_actions < 0.5,
         ),
     ]

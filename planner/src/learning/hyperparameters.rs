@@ -22,8 +22,9 @@ pub struct Hyperparameters {
     /// The discount factor gamma a behaviour step. Paper: 0.9.
     pub discount: f32,
     /// What is taken off every reward, and what the rest is multiplied by, before it is learnt from:
-    /// the best policy stays the same where episodes only run out of time, and values near zero are
-    /// learnt sooner. Paper and default: 0 and 1. Reports have the rewards as they are.
+    /// values near zero are learnt sooner, and the best policy stays the same, because the last
+    /// reward of who collides is less by what would have been taken off for ever. Paper and default:
+    /// 0 and 1. Reports have the rewards as they are.
     pub reward_center: f32,
     /// See [`Self::reward_center`].
     pub reward_scale: f32,
@@ -196,9 +197,14 @@ impl Hyperparameters {
         share / (steps - share * (steps - 1.0))
     }
 
-    /// A reward as it is learnt from.
-    pub fn learnt_reward(&self, reward: f32) -> f32 {
-        (reward - self.reward_center) * self.reward_scale
+    /// A reward as it is learnt from; `is_last` where the agent has no future.
+    pub fn learnt_reward(&self, reward: f32, is_last: bool) -> f32 {
+        let ahead = if is_last {
+            1.0 / (1.0 - self.discount)
+        } else {
+            1.0
+        };
+        (reward - ahead * self.reward_center) * self.reward_scale
     }
 
     /// Share of random actions after so many decisions.
@@ -255,8 +261,17 @@ mod tests {
             reward_scale: 0.5,
             ..Hyperparameters::default()
         };
-        assert_eq!(settings.learnt_reward(19.0), 1.0);
-        assert_eq!(Hyperparameters::paper().learnt_reward(19.0), 19.0);
+        assert_eq!(settings.learnt_reward(19.0, false), 1.0);
+        assert_eq!(Hyperparameters::paper().learnt_reward(19.0, true), 19.0);
+        // Whatever the way to it, an episode is worth the same less the same: here 3 + 0.5 * 5 for
+        // who ends after two steps, all of it moved by 17 / (1 - 0.5).
+        let settings = Hyperparameters {
+            discount: 0.5,
+            reward_scale: 1.0,
+            ..settings
+        };
+        let moved = settings.learnt_reward(3.0, false) + 0.5 * settings.learnt_reward(5.0, true);
+        assert_eq!(moved, 3.0 + 0.5 * 5.0 - 17.0 / 0.5);
     }
 
     #[test]

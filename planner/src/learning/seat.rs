@@ -115,9 +115,9 @@ impl Seat {
                 replay.decide(now, arena.actions[agent], told, joint);
             }
             if let (Some(before), true) = (self.before[item], arena.phase != Phase::Done) {
-                let reward = settings
-                    .hyperparameters
-                    .learnt_reward(arena.outcome.rewards[agent]);
+                let outcome = &arena.outcome;
+                let reward = (settings.hyperparameters)
+                    .learnt_reward(outcome.rewards[agent], outcome.terminated[agent]);
                 replay.complete(agent, before, reward, self.now[item])?;
             }
         }

@@ -113,6 +113,22 @@ pub(super) fn safety(loops: &Loops<'_>) -> Results {
                 None,
             ),
             quantity(
+                (
+                    "unsafe_lane_changes",
+                    "begun inside the set of collisions",
+                    1,
+                ),
+                runs,
+                watched(|safety| safety.unsafe_lane_changes),
+                None,
+            ),
+            quantity(
+                ("collision_set_left", "h_0 became negative", 1),
+                runs,
+                watched(|safety| safety.collision_set_left),
+                None,
+            ),
+            quantity(
                 ("emergency_stops", "emergency stops", 1),
                 runs,
                 |run| Some(run.tally.emergency_stops as f64),

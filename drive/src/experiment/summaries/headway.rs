@@ -54,7 +54,7 @@ pub(super) fn headway(loops: &Loops<'_>) -> Results {
             diagram("CAVs", cavs.collect()),
         ],
         notes: vec![
-            "Between the bodies' centres along the road, so bodies overlap below about 5 m. Curves are of the ends of behaviour steps (0.5 s), the mean over the seeds; the least headway of the table is of all steps. The paper shows 500 time steps.".into(),
+            "Between the bodies' centres along the road, so bodies overlap below about 5 m. Curves are of the ends of behaviour steps (0.5 s), the mean over the seeds; the least headway of all vehicles is of all steps, that of CAVs of those ends. The paper shows 500 time steps.".into(),
             "The promise of 18.5 m is the CAVs': human drivers by IDM follow closer, and may cut in.".into(),
         ],
         rows,
