@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use covista_drive::{
     Behaviour, Case, Experiment, ExperimentOptions, Figures, Means, Percepts, Plan, Policies,
-    policy_file, read_training, train, training_config,
+    policy_file, read_training, train, training_of,
 };
 use covista_sensors::ErrorModel;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -101,10 +101,9 @@ fn policies(args: &ExperimentArgs, options: &ExperimentOptions) -> anyhow::Resul
 }
 
 fn retrain(behaviour: Behaviour, folder: &Path, options: &ExperimentOptions) -> anyhow::Result<()> {
-    let Some(algorithm) = behaviour.algorithm() else {
+    let Some(config) = training_of(behaviour, options.steps, TRAINING_SEED) else {
         return Ok(());
     };
-    let config = training_config(algorithm, options.steps, TRAINING_SEED);
     let bar = bar(options.decisions, "decisions of the training");
     let trainer = train(&config, options.decisions, &mut |trainer, _| {
         bar.set_position(trainer.decisions());

@@ -31,4 +31,4 @@ pub use policies::{Policies, policy_file};
 pub use results::{Claim, Diagram, Key, Line, Quantity, Results, Row};
 pub use seeds::Seeds;
 pub use spread::{Spread, rank_correlation};
-pub use training_case::{read_training, train, training_config};
+pub use training_case::{read_training, train, training_of};

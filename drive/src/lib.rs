@@ -63,7 +63,7 @@ pub use experiment::{
     Behaviour, Case, Claim, Diagram, Experiment, ExperimentError, ExperimentOptions, Figures,
     Headways, Key, LearningCurve, Line, LoopCase, LoopFigures, Means, Percepts, Plan, Policies,
     Quantity, Results, Row, SceneCase, SceneFigures, Seeds, Spread, TrainingCase, policy_file,
-    rank_correlation, read_training, train, training_config,
+    rank_correlation, read_training, train, training_of,
 };
 pub use monitor::{CavView, Distributions, Histogram, Monitor, PlacedTrack, TrueBarriers};
 pub use recorded::{FittedPicture, Lacking, RecordedError, calibration_of};

@@ -10,8 +10,9 @@ use tempfile::TempDir;
 
 use crate::binary::{assert_one_line_error, covista};
 
-const ALGORITHMS: [(&str, &str); 3] = [
+const ALGORITHMS: [(&str, &str); 4] = [
     ("ours", "safe-actor-critic"),
+    ("unshared", "safe-actor-critic"),
     ("maddpg-mapped", "maddpg-mapped"),
     ("maddpg", "maddpg"),
 ];
@@ -119,6 +120,7 @@ fn cav_ratio_has_the_papers_column_beside_ours() {
         "60.06",
         "70.34",
         "rank correlation",
+        "From 2 of at least 5 seeds",
         "cav-ratio.{json,md,png}",
     ] {
         assert!(said.contains(part), "no {part:?} in {said}");
@@ -136,7 +138,7 @@ fn cav_ratio_has_the_papers_column_beside_ours() {
         Some(10)
     );
     let rows = rows(&file);
-    assert_eq!(rows.len(), 4 * 7);
+    assert_eq!(rows.len(), 5 * 7);
     for row in &rows {
         assert_eq!(row["seeds"], 2, "{row}");
         let velocity_mph = row["mean_velocity_mph"].as_f64().expect("a number");

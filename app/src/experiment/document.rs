@@ -9,6 +9,9 @@ use crate::{
     table::aligned,
 };
 
+/// Fewer seeds carry no claim.
+const ENOUGH_SEEDS: u64 = 5;
+
 /// What an experiment came to, for its readers.
 pub struct Document<'a> {
     /// Its plan.
@@ -32,6 +35,9 @@ impl<'a> Document<'a> {
     /// The table with the claims, for the terminal.
     pub fn text(&self) -> String {
         let mut text = aligned(&table(&self.results.rows));
+        if let Some(note) = self.few_seeds() {
+            text.push_str(&format!("\n{note}"));
+        }
         for Claim {
             claim,
             found,
@@ -65,11 +71,21 @@ impl<'a> Document<'a> {
             text.push('\n');
             text.push_str(&markdown_table(&claims_table(&self.results.claims)));
         }
-        for note in &self.results.notes {
+        let few = self.few_seeds();
+        for note in self.results.notes.iter().chain(&few) {
             write!(text, "\n{note}\n")?;
         }
         write!(text, "\n![{name}]({name}.png)\n")?;
         write_whole(path, text.as_bytes())
+    }
+
+    /// What to hold against claims from a few seeds.
+    fn few_seeds(&self) -> Option<String> {
+        let seeds = self.plan.options.seeds;
+        let count = seeds.last - seeds.first + 1;
+        (count < ENOUGH_SEEDS).then(|| {
+            format!("From {count} of at least {ENOUGH_SEEDS} seeds: what holds or fails here may be chance.")
+        })
     }
 
     /// How it was made, in one paragraph.

@@ -15,6 +15,8 @@ const DRAWS: u64 = 0x7A4D;
 pub enum Behaviour {
     /// The safe actor-critic of Alg. 2, as it was trained.
     Ours,
+    /// The same, trained and driving without messages: each CAV knows what it sees itself.
+    Unshared,
     /// The baseline: MADDPG with the safe action mapping.
     MaddpgMapped,
     /// MADDPG alone: its best legal action, and no safety filter.
@@ -32,6 +34,7 @@ impl Behaviour {
     pub fn name(self) -> &'static str {
         match self {
             Self::Ours => "ours",
+            Self::Unshared => "unshared",
             Self::MaddpgMapped => "maddpg-mapped",
             Self::Maddpg => "maddpg",
             Self::KeepLane => "keep-lane",
@@ -43,14 +46,14 @@ impl Behaviour {
     /// What it is trained with, where it is learnt.
     pub fn algorithm(self) -> Option<Algorithm> {
         match self {
-            Self::Ours => Some(Algorithm::SafeActorCritic),
+            Self::Ours | Self::Unshared => Some(Algorithm::SafeActorCritic),
             Self::MaddpgMapped => Some(Algorithm::MaddpgMapped),
             Self::Maddpg => Some(Algorithm::Maddpg),
             Self::KeepLane | Self::RandomSafe | Self::Idm => None,
         }
     }
 
-    /// What `algorithm` learns.
+    /// What `algorithm` learns with sharing.
     pub fn of(algorithm: Algorithm) -> Self {
         match algorithm {
             Algorithm::SafeActorCritic => Self::Ours,
@@ -62,6 +65,11 @@ impl Behaviour {
     /// Whether the safety filter acts on it.
     pub fn is_filtered(self) -> bool {
         self != Self::Maddpg
+    }
+
+    /// Whether its CAVs tell each other what they see and do.
+    pub fn shares(self) -> bool {
+        self != Self::Unshared
     }
 }
 

@@ -50,6 +50,7 @@ impl Experiment {
         match self {
             Self::CavRatio => &[
                 Behaviour::Ours,
+                Behaviour::Unshared,
                 Behaviour::MaddpgMapped,
                 Behaviour::KeepLane,
                 Behaviour::RandomSafe,

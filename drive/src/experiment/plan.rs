@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Behaviour, Case, Experiment, ExperimentError, LoopCase, Percepts, Policies, SceneCase, Seeds,
-    TrainingCase, training_case, training_config,
+    TrainingCase, training_case, training_case::training_config,
 };
 use crate::{ControlMode, RingEnvironment, RingEnvironmentSettings, environment::BEHAVIOUR_S};
 
@@ -130,6 +130,7 @@ impl Plan {
             steps: self.options.steps.unwrap_or(steps),
             ends_at_collision: false,
             watched: self.experiment == Experiment::Safety,
+            sharing: behaviour.shares(),
             reward: training_case::reward(),
             ..RingEnvironmentSettings::default()
         };
@@ -243,7 +244,7 @@ mod tests {
 
     #[test]
     fn every_case_has_a_name_of_its_own() {
-        for (experiment, count) in Experiment::ALL.into_iter().zip([125, 135, 90, 10, 10, 10]) {
+        for (experiment, count) in Experiment::ALL.into_iter().zip([155, 135, 90, 10, 10, 10]) {
             let cases = plan(experiment).cases().expect("cases");
             let mut names: Vec<_> = cases.iter().map(Case::name).collect();
             assert_eq!(names.len(), count, "{experiment:?}");

@@ -15,10 +15,12 @@ pub(super) fn drive(case: &LoopCase, policies: &Policies) -> Result<LoopFigures,
     let mut environment = RingEnvironment::new(settings)?;
     let shape = environment.shape();
     let mut decider = match case.behaviour {
-        Behaviour::Ours | Behaviour::MaddpgMapped | Behaviour::Maddpg => Decider::Learned {
-            policy: Box::new(policies.get(case.behaviour, shape)?),
-            is_mapped: case.behaviour.is_filtered(),
-        },
+        Behaviour::Ours | Behaviour::Unshared | Behaviour::MaddpgMapped | Behaviour::Maddpg => {
+            Decider::Learned {
+                policy: Box::new(policies.get(case.behaviour, shape)?),
+                is_mapped: case.behaviour.is_filtered(),
+            }
+        }
         Behaviour::RandomSafe => Decider::random(settings.ring.seed),
         Behaviour::KeepLane | Behaviour::Idm => Decider::KeepLane,
     };

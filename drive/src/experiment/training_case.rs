@@ -54,6 +54,14 @@ pub fn training_config(algorithm: Algorithm, steps: Option<u64>, seed: u64) -> T
     }
 }
 
+/// How the policy of `behaviour` is trained, where it is learnt.
+pub fn training_of(behaviour: Behaviour, steps: Option<u64>, seed: u64) -> Option<TrainingConfig> {
+    let mut config = training_config(behaviour.algorithm()?, steps, seed);
+    config.environment.sharing = behaviour.shares();
+    config.environment.watched = behaviour == Behaviour::Ours;
+    Some(config)
+}
+
 /// Trains anew in whole rounds until every learner has made so many decisions, and tells of each
 /// round.
 ///
@@ -165,14 +173,15 @@ mod tests {
     #[test]
     fn the_configurations_beside_the_training_scripts_are_these() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/training/policies");
-        for algorithm in [
-            Algorithm::SafeActorCritic,
-            Algorithm::MaddpgMapped,
-            Algorithm::Maddpg,
+        for behaviour in [
+            Behaviour::Ours,
+            Behaviour::Unshared,
+            Behaviour::MaddpgMapped,
+            Behaviour::Maddpg,
         ] {
-            let name = Behaviour::of(algorithm).name();
+            let name = behaviour.name();
             let read = TrainingConfig::load(&folder.join(format!("{name}.toml"))).expect("read");
-            assert_eq!(read, training_config(algorithm, None, 1), "{name}");
+            assert_eq!(training_of(behaviour, None, 1), Some(read), "{name}");
         }
     }
 
