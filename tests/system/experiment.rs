@@ -437,7 +437,7 @@ fn a_report_of_nothing_is_refused() {
 #[test]
 fn what_makes_no_experiment_is_refused_in_one_line() {
     let out = tempfile::tempdir().expect("a folder");
-    let refused: [(&[&str], &[&str]); 10] = [
+    let refused: [(&[&str], &[&str]); 11] = [
         (&["moon-landing"], &["moon-landing", "cav-ratio", "density"]),
         (&["safety", "--shard", "0/3"], &["0/3", "I from 1 to N"]),
         (&["safety", "--shard", "4/3"], &["4/3", "I from 1 to N"]),
@@ -456,6 +456,10 @@ fn what_makes_no_experiment_is_refused_in_one_line() {
         (
             &["obstacle-at-corner", "--retrain"],
             &["--retrain", "has none"],
+        ),
+        (
+            &["truncation", "--episode", "5"],
+            &["--episode", "truncation computes"],
         ),
     ];
     for (arguments, parts) in refused {
