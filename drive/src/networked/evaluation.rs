@@ -1,3 +1,5 @@
+use std::ops::Range;
+
 use nalgebra::DMatrix;
 
 use super::{PAIRS, RingGame};
@@ -25,9 +27,7 @@ impl<'a> Evaluation<'a> {
             return Err(InvalidDiscount(discount));
         }
         let states = 1 << game.len();
-        let transitions = transitions(game);
-        let mut system = transitions * -discount;
-        system.fill_diagonal_with(|value| value + 1.0);
+        let system = DMatrix::identity(states, states) - transitions(game) * discount;
         let rewards = DMatrix::from_fn(states, game.len(), |state, i| {
             let (own, goes) = (state >> i & 1, game.goes(i, state));
             (1.0 - goes) * game.reward[2 * own] + goes * game.reward[2 * own + 1]
@@ -88,9 +88,11 @@ fn joint(order: &[usize], bit: impl Fn(usize) -> usize) -> usize {
 /// P(s' | s) under the policies: a row for each s, a column for each s'.
 fn transitions(game: &RingGame) -> DMatrix<f64> {
     let (n, states) = (game.len(), 1 << game.len());
+    let half = n / 2;
     // By columns of s, so that what belongs to one s is in one place.
     let mut transposed = DMatrix::zeros(states, states);
-    let (mut pairs, mut next) = (vec![0; n], Vec::with_capacity(states));
+    let mut pairs = vec![0; n];
+    let (mut first, mut last) = (Vec::with_capacity(states), Vec::with_capacity(states));
     for (state, mut column) in transposed.column_iter_mut().enumerate() {
         for action in 0..states {
             let weight = game.policy(state, action);
@@ -100,21 +102,37 @@ fn transitions(game: &RingGame) -> DMatrix<f64> {
             for (i, pair) in pairs.iter_mut().enumerate() {
                 *pair = 2 * (state >> i & 1) + (action >> i & 1);
             }
-            next.clear();
-            next.push(weight);
-            for i in 0..n {
-                let moves = game.moves(i, &pairs);
-                next.extend_from_within(..);
-                let (stands, moved) = next.split_at_mut(1 << i);
-                stands.iter_mut().for_each(|value| *value *= 1.0 - moves);
-                moved.iter_mut().for_each(|value| *value *= moves);
-            }
-            for (sum, value) in column.iter_mut().zip(&next) {
-                *sum += value;
+            next_states(game, &pairs, 0..half, 1.0, &mut first);
+            next_states(game, &pairs, half..n, weight, &mut last);
+            let runs = column.as_mut_slice().chunks_exact_mut(first.len());
+            for (run, last) in runs.zip(&last) {
+                for (sum, first) in run.iter_mut().zip(&first) {
+                    *sum += last * first;
+                }
             }
         }
     }
     transposed.transpose()
+}
+
+/// `weight` times the probability of each joint next state of `vehicles`, a bit each.
+fn next_states(
+    game: &RingGame,
+    pairs: &[usize],
+    vehicles: Range<usize>,
+    weight: f64,
+    next: &mut Vec<f64>,
+) {
+    next.clear();
+    next.push(weight);
+    for i in vehicles {
+        let moves = game.moves(i, pairs);
+        let stands = next.len();
+        next.extend_from_within(..);
+        let (stands, moved) = next.split_at_mut(stands);
+        stands.iter_mut().for_each(|value| *value *= 1.0 - moves);
+        moved.iter_mut().for_each(|value| *value *= moves);
+    }
 }
 
 /// The expectation of a function of the next joint state, given all states and actions.

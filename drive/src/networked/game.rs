@@ -66,8 +66,10 @@ impl RingGame {
     }
 
     fn beside(&self, i: usize) -> [usize; 2] {
-        let n = self.len();
-        [(i + n - 1) % n, (i + 1) % n]
+        let last = self.len() - 1;
+        let behind = if i == 0 { last } else { i - 1 };
+        let ahead = if i == last { 0 } else { i + 1 };
+        [behind, ahead]
     }
 }
 

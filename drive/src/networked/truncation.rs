@@ -65,9 +65,9 @@ impl TruncationErrors {
     /// The own pair is the leading digit of the index, the own action its last bit.
     fn look_for_greedy(&mut self, q: &[f64], alike: usize) {
         let others = q.len() / PAIRS;
-        let truncated = |index: usize| q[index - index % alike];
-        for standing_or_moving in q.chunks(2 * others).enumerate() {
-            let (state, of_state) = standing_or_moving;
+        // A power of two.
+        let truncated = |index: usize| q[index & !(alike - 1)];
+        for (state, of_state) in q.chunks(2 * others).enumerate() {
             let first = state * 2 * others;
             for rest in 0..others {
                 let (waits, goes) = (of_state[rest], of_state[others + rest]);
