@@ -2,9 +2,11 @@
 
 mod control;
 mod perception;
+mod python;
 mod sensors;
 mod traffic;
 mod training;
+mod turns;
 
 use crate::cli::{BenchArgs, BenchWhat};
 

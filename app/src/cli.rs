@@ -78,7 +78,7 @@ impl FromStr for Shard {
 
 #[derive(Debug, Args)]
 pub struct ExperimentArgs {
-    /// cav-ratio, density, safety, headway, episode-reward or obstacle-at-corner
+    /// cav-ratio, density, safety, headway, episode-reward, obstacle-at-corner or truncation
     #[arg(value_name = "NAME")]
     pub name: Experiment,
     /// Folder of the cases, a file each, and of the results; what is there is not driven again
@@ -449,9 +449,19 @@ pub struct TrainingBenchArgs {
     /// Decisions of the episode of Alg. 2; 800 are the paper's 40,000 control steps
     #[arg(long, value_name = "N", default_value = "800")]
     pub decisions: NonZeroU64,
+    /// Make the same updates in Python, too, turn by turn
+    #[arg(long, value_enum, value_name = "WHAT")]
+    pub against: Option<UpdatePeerArg>,
     /// Write settings, machine and rows to FILE
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+}
+
+/// What else makes the updates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum UpdatePeerArg {
+    /// PyTorch in eager mode, on one thread
+    Pytorch,
 }
 
 #[derive(Debug, Args)]

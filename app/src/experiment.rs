@@ -65,6 +65,9 @@ fn check(args: &ExperimentArgs) -> anyhow::Result<()> {
     if !args.trained.is_empty() && args.name != Experiment::EpisodeReward {
         bail!("--trained is for episode-reward; {name} takes policies from --policies");
     }
+    if args.episode.is_some() && args.name == Experiment::Truncation {
+        bail!("--episode is for experiments that drive; {name} computes on all states at once");
+    }
     if (args.retrain || args.policies.is_some()) && learned.is_empty() {
         bail!(
             "--policies and --retrain are for experiments with trained policies; {name} has none"

@@ -19,11 +19,12 @@ mod seeds;
 mod spread;
 mod summaries;
 mod training_case;
+mod truncation_case;
 
 pub use behaviour::Behaviour;
-pub use case::{Case, LoopCase, Percepts, SceneCase, TrainingCase};
+pub use case::{Case, LoopCase, NetworkedGame, Percepts, SceneCase, TrainingCase, TruncationCase};
 pub use error::ExperimentError;
-pub use figures::{Figures, Headways, LearningCurve, LoopFigures, SceneFigures};
+pub use figures::{Figures, Headways, LearningCurve, LoopFigures, SceneFigures, TruncationFigures};
 pub use kind::Experiment;
 pub use means::Means;
 pub use plan::{ExperimentOptions, Plan};

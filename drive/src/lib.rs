@@ -19,6 +19,7 @@ mod evaluate;
 mod excuse;
 mod experiment;
 mod monitor;
+mod networked;
 mod recorded;
 mod run;
 mod senses;
@@ -39,8 +40,8 @@ pub use cause::Cause;
 pub use control_file::{ControlFileError, load_control_settings};
 pub use covista_control::{ControlSettings, Mode as ControlMode, Solver};
 pub use covista_planner::learning::{
-    Algorithm, EpisodeReport, Hyperparameters, LearningError, RoundReport, Sharing, Trainer,
-    TrainingSettings, UpdateCost, update_cost,
+    Algorithm, EpisodeReport, Hyperparameters, LearningError, RoundReport, Sharing, TimedLearner,
+    Trainer, TrainingSettings, UpdateCost, UpdateSizes, update_cost,
 };
 pub use covista_sharing::{ChannelSettings, PoseNoise};
 pub use covista_traffic::{
@@ -61,11 +62,13 @@ pub use evaluate::{
 };
 pub use experiment::{
     Behaviour, Case, Claim, Diagram, Experiment, ExperimentError, ExperimentOptions, Figures,
-    Headways, Key, LearningCurve, Line, LoopCase, LoopFigures, Means, Percepts, Plan, Policies,
-    Quantity, Results, Row, SceneCase, SceneFigures, Seeds, Spread, TrainingCase, policy_file,
-    rank_correlation, read_training, train, training_of,
+    Headways, Key, LearningCurve, Line, LoopCase, LoopFigures, Means, NetworkedGame, Percepts,
+    Plan, Policies, Quantity, Results, Row, SceneCase, SceneFigures, Seeds, Spread, TrainingCase,
+    TruncationCase, TruncationFigures, policy_file, rank_correlation, read_training, train,
+    training_of,
 };
 pub use monitor::{CavView, Distributions, Histogram, Monitor, PlacedTrack, TrueBarriers};
+pub use networked::{InvalidDiscount, TruncationErrors};
 pub use recorded::{FittedPicture, Lacking, RecordedError, calibration_of};
 pub use run::{RunConfig, RunError, run};
 pub use senses::Senses;

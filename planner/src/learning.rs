@@ -48,7 +48,7 @@ mod training_settings;
 mod tests;
 
 pub use action_set::{ACTIONS, ActionSet, CHOICES, action_index};
-pub use benchmark::{UpdateCost, update_cost};
+pub use benchmark::{TimedLearner, UpdateCost, UpdateSizes, update_cost};
 pub use checkpoint::{CheckpointHeader, Counts};
 pub use environment::{Environment, EnvironmentError, Options, Outcome, Shape};
 pub use error::LearningError;

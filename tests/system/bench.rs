@@ -83,6 +83,85 @@ fn bench_training_tells_what_an_update_costs_among_30_and_1000_cavs() {
     assert!(bytes("maddpg", 1000) > 30 * bytes("maddpg", 30));
 }
 
+/// `covista bench training` of 25 updates in turns with `program`.
+fn training_against(program: &Path) -> Command {
+    let mut command = covista();
+    command
+        .args([
+            "bench",
+            "training",
+            "--decisions",
+            "25",
+            "--against",
+            "pytorch",
+        ])
+        .env("PATH", program);
+    command
+}
+
+#[test]
+fn another_program_makes_the_same_updates_in_turns() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let json = folder.path().join("training.json");
+    // Turns of 20 and 5 updates, a long second each.
+    let program = python(
+        "asked() { seconds=1000; n=$1; while [ $n -gt 1 ]; do seconds=$seconds,1000; n=$((n-1)); done; \
+         echo \"{\\\"seconds\\\": [$seconds]}\"; }; \
+         while read -r line; do case $line in \
+         *open*) echo '{\"versions\": \"torch 9\"}' ;; \
+         *'\"updates\":20'*) asked 20 ;; \
+         *'\"updates\":5'*) asked 5 ;; \
+         esac; done",
+    );
+    let output = training_against(program.path())
+        .arg("--json")
+        .arg(&json)
+        .output()
+        .expect("covista runs");
+    assert!(output.status.success(), "{output:?}");
+    let table = String::from_utf8(output.stdout).expect("text");
+    assert!(table.contains("in turns with torch 9"), "{table}");
+    let report: Value = serde_json::from_slice(&fs::read(json).expect("the report")).expect("JSON");
+    let rows = report["rows"].as_array().expect("rows");
+    let mut peers = rows.iter().filter(|row| row["run_by"] == "pytorch");
+    let row = peers.next().expect("a row");
+    assert_eq!(row["median_ms"].as_f64(), Some(1e6));
+    assert_eq!(
+        (&row["updates"], &row["sizes"]["minibatch"]),
+        (&25.into(), &64.into())
+    );
+    let number = |name: &str| row[name].as_f64().expect("a number");
+    assert!(
+        (number("covista_updates_per_s") * number("covista_median_ms") / 1e3 - 1.0).abs() < 1e-9
+    );
+    assert!(number("covista_speed_ratio") > 1000.0, "{row}");
+}
+
+#[test]
+fn what_python_lacks_for_an_update_is_named_before_the_first_one() {
+    let fails = |program: &Path, parts: &[&str]| {
+        let output = assert_one_line_error(&mut training_against(program), parts);
+        assert!(output.stdout.is_empty(), "{output:?}");
+    };
+    let nothing = tempfile::tempdir().expect("a folder");
+    fails(
+        nothing.path(),
+        &["python3 can't be run", "leave out --against"],
+    );
+    let bare =
+        python("read -r line; echo '{\"error\": \"ModuleNotFoundError: No module named torch\"}'");
+    fails(
+        bare.path(),
+        &[
+            "--against pytorch",
+            "No module named torch",
+            "pip install numpy torch",
+        ],
+    );
+    let other = python("read -r line; echo '{\"version\": 3}'; read -r line");
+    fails(other.path(), &["--against pytorch", "makes no sense"]);
+}
+
 /// `covista bench perception` of the networks in `models`, on the CPU, three frames each.
 fn perception(models: &Path) -> Command {
     let mut command = covista();

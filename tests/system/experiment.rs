@@ -314,6 +314,41 @@ fn obstacle_at_corner_compares_the_same_seeds_with_and_without_sharing() {
 }
 
 #[test]
+fn truncation_has_the_errors_beside_the_bounds_and_goes_on_where_it_was() {
+    let out = tempfile::tempdir().expect("a folder");
+    let part = |shard: &str| {
+        let options = ["--seeds", "1", "--shard", shard];
+        run(&mut experiment("truncation", out.path(), &options))
+    };
+    assert!(part("1/2").contains("3 of 6 cases"));
+    let said = part("2/2");
+    assert!(
+        said.contains("Theorem 2") && !said.contains("FAILS"),
+        "{said}"
+    );
+    let report = json(&out.path().join("truncation.json"));
+    let claims = report["settings"]["claims"].as_array().expect("claims");
+    assert_eq!(claims.len(), 8);
+    let rows = rows(&out.path().join("truncation.json"));
+    assert_eq!(rows.len(), 3 * 2 * 6);
+    for row in &rows {
+        let number = |name: &str| row[name].as_f64().expect("a number");
+        let (discount, kappa) = (number("discount"), number("kappa"));
+        let bound = discount.powf(kappa / 2.0) / (1.0 - discount);
+        assert!((number("bound_theorem_2") - bound).abs() < 1e-9, "{row}");
+        let sharper = discount.powf((kappa / 2.0).floor() + 1.0) / (1.0 - discount);
+        assert!((number("bound_proof") - sharper).abs() < 1e-9, "{row}");
+        assert!(number("error_worst") <= sharper + 1e-9, "{row}");
+        assert!(number("error_zeros").max(number("error_uniform")) <= number("error_worst"));
+        let is_whole = kappa > 4.5;
+        assert_eq!(number("error_worst") == 0.0, is_whole, "{row}");
+        assert!(number("mean_error_zeros") <= number("error_zeros"), "{row}");
+    }
+    let picture = image::open(out.path().join("truncation.png")).expect("a picture");
+    assert_eq!(picture.width(), 2400);
+}
+
+#[test]
 fn learning_curves_are_read_or_made() {
     let out = tempfile::tempdir().expect("a folder");
     let given = |names: &[&str]| {
@@ -439,7 +474,7 @@ fn a_report_of_nothing_is_refused() {
 #[test]
 fn what_makes_no_experiment_is_refused_in_one_line() {
     let out = tempfile::tempdir().expect("a folder");
-    let refused: [(&[&str], &[&str]); 10] = [
+    let refused: [(&[&str], &[&str]); 11] = [
         (&["moon-landing"], &["moon-landing", "cav-ratio", "density"]),
         (&["safety", "--shard", "0/3"], &["0/3", "I from 1 to N"]),
         (&["safety", "--shard", "4/3"], &["4/3", "I from 1 to N"]),
@@ -458,6 +493,10 @@ fn what_makes_no_experiment_is_refused_in_one_line() {
         (
             &["obstacle-at-corner", "--retrain"],
             &["--retrain", "has none"],
+        ),
+        (
+            &["truncation", "--episode", "5"],
+            &["--episode", "truncation computes"],
         ),
     ];
     for (arguments, parts) in refused {

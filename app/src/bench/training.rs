@@ -1,5 +1,7 @@
 //! `covista bench training`: the closed loop without networks, an episode of Alg. 2, and what one
-//! agent's update costs.
+//! agent's update costs, here and in Python.
+
+mod peer;
 
 use std::time::Instant;
 
@@ -8,6 +10,7 @@ use covista_drive::{
     time_closed_loop, update_cost,
 };
 use indicatif::{ProgressBar, ProgressStyle};
+use peer::{Peer, PeerRow};
 use serde::Serialize;
 
 use crate::{
@@ -46,6 +49,7 @@ enum Row {
         episode_s: f64,
     },
     Update(UpdateCost),
+    Peer(PeerRow),
 }
 
 /// `covista bench training`.
@@ -53,7 +57,17 @@ pub(super) fn run(args: &TrainingBenchArgs) -> anyhow::Result<()> {
     if let Some(json) = &args.json {
         prepare_file(json)?;
     }
-    let bar = ProgressBar::new(2 + 2 * SCALES.len() as u64);
+    let hyperparameters = Hyperparameters::default();
+    let neighbours = RingEnvironmentSettings::default().neighbours;
+    let folder = tempfile::tempdir()?;
+    let peer = match args.against {
+        Some(kind) => {
+            let sizes = (CAVS, neighbours);
+            Some(Peer::start(kind, sizes, hyperparameters, folder.path())?)
+        }
+        None => None,
+    };
+    let bar = ProgressBar::new(2 + 2 * SCALES.len() as u64 + u64::from(peer.is_some()));
     if let Ok(style) = ProgressStyle::with_template("[{bar:40}] {pos}/{len} {msg}") {
         bar.set_style(style.progress_chars("=> "));
     }
@@ -61,8 +75,6 @@ pub(super) fn run(args: &TrainingBenchArgs) -> anyhow::Result<()> {
     let decisions = args.decisions.get();
     let mut rows = vec![closed_loop(decisions.min(LOOP_DECISIONS))?];
     bar.inc(1);
-    let hyperparameters = Hyperparameters::default();
-    let neighbours = RingEnvironmentSettings::default().neighbours;
     let updates = decisions.min(UPDATES) as usize;
     for algorithm in [Algorithm::SafeActorCritic, Algorithm::Maddpg] {
         for cavs in SCALES {
@@ -71,6 +83,11 @@ pub(super) fn run(args: &TrainingBenchArgs) -> anyhow::Result<()> {
             rows.push(Row::Update(cost));
             bar.inc(1);
         }
+    }
+    if let Some(peer) = peer {
+        bar.set_message("updates in turns");
+        rows.push(Row::Peer(peer.hold(updates)?));
+        bar.inc(1);
     }
     bar.set_message("an episode");
     rows.push(episode(decisions)?);
@@ -127,6 +144,15 @@ fn episode(decisions: u64) -> anyhow::Result<Row> {
 fn table(rows: &[Row]) -> String {
     let header = ["what", "CAVs", "result", "critic input, bytes"];
     let cells = rows.iter().map(|row| match row {
+        Row::Peer(peer) => vec![
+            format!("the same update in turns with {}", peer.versions),
+            CAVS.to_string(),
+            format!(
+                "{:.0}/s against its {:.0}/s, {:.2} times as fast",
+                peer.covista_updates_per_s, peer.updates_per_s, peer.covista_speed_ratio
+            ),
+            String::new(),
+        ],
         Row::ClosedLoop {
             what,
             cavs,

@@ -13,6 +13,8 @@ pub enum Case {
     Scene(SceneCase),
     /// A training, for its learning curve.
     Training(TrainingCase),
+    /// A networked game whose global Q is computed and truncated.
+    Truncation(TruncationCase),
 }
 
 /// An episode on the three-lane loop.
@@ -76,6 +78,40 @@ impl TrainingCase {
     }
 }
 
+/// A Markov game of vehicles on a ring, each coupled to the one behind and the one ahead.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum NetworkedGame {
+    /// Dense traffic with drivers drawn from a seed.
+    Traffic {
+        /// Seed of the drivers.
+        seed: u64,
+    },
+    /// A signal that is passed on as fast as the paper's assumption allows: the worst there is.
+    Relay,
+}
+
+impl NetworkedGame {
+    /// Its name in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Traffic { .. } => "traffic",
+            Self::Relay => "relay",
+        }
+    }
+}
+
+/// The global Q of a game, truncated to every kappa.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TruncationCase {
+    /// The game.
+    pub game: NetworkedGame,
+    /// Vehicles on the ring.
+    pub vehicles: usize,
+    /// gamma.
+    pub discount: f64,
+}
+
 impl Case {
     /// A name for a file, of its own among the cases of an experiment.
     pub fn name(&self) -> String {
@@ -98,6 +134,13 @@ impl Case {
                 let training = &case.config.training;
                 let behaviour = Behaviour::of(training.algorithm);
                 format!("{}-seed{}", behaviour.name(), training.seed)
+            }
+            Self::Truncation(case) => {
+                let name = format!("{}-gamma{:.2}", case.game.name(), case.discount);
+                match case.game {
+                    NetworkedGame::Traffic { seed } => format!("{name}-seed{seed}"),
+                    NetworkedGame::Relay => name,
+                }
             }
         }
     }

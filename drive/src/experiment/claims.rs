@@ -1,5 +1,7 @@
 //! What an experiment should show, and whether it does.
 
+mod truncation;
+
 use std::collections::BTreeMap;
 
 use super::{Case, Claim, Experiment, Figures, Row, SceneFigures, Spread, rank_correlation};
@@ -24,6 +26,7 @@ pub(super) fn of(experiment: Experiment, rows: &[Row], driven: &[(Case, Figures)
         Experiment::Headway => headway(rows),
         Experiment::EpisodeReward => episode_reward(rows),
         Experiment::ObstacleAtCorner => obstacle_at_corner(rows, driven),
+        Experiment::Truncation => truncation::truncation(driven),
     }
 }
 

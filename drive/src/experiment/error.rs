@@ -3,7 +3,7 @@ use std::path::PathBuf;
 use covista_planner::learning::{EnvironmentError, LearningError};
 use covista_traffic::{RingError, ScenarioError};
 
-use crate::{RingEnvironmentError, RunError, TrainingError};
+use crate::{RingEnvironmentError, RunError, TrainingError, networked::InvalidDiscount};
 
 /// Why an experiment cannot be run or put together.
 #[derive(Debug, thiserror::Error)]
@@ -61,6 +61,9 @@ pub enum ExperimentError {
     /// A training cannot be set up.
     #[error(transparent)]
     Config(#[from] TrainingError),
+    /// A game has no values.
+    #[error(transparent)]
+    Discount(#[from] InvalidDiscount),
     /// A scenario cannot be built.
     #[error(transparent)]
     Scenario(#[from] ScenarioError),

@@ -1,7 +1,7 @@
 use covista_traffic::Ring;
 use serde::{Deserialize, Serialize};
 
-use crate::{RingSafety, RingTally};
+use crate::{RingSafety, RingTally, networked::TruncationErrors};
 
 /// What driving a case gave.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -13,6 +13,8 @@ pub enum Figures {
     Scene(SceneFigures),
     /// Of a [`super::TrainingCase`].
     Training(LearningCurve),
+    /// Of a [`super::TruncationCase`].
+    Truncation(TruncationFigures),
 }
 
 /// What an episode on the loop came to.
@@ -143,4 +145,32 @@ pub struct LearningCurve {
     pub unsafe_actions: Vec<u64>,
     /// Violations that no broken assumption explains, where the monitor looked on.
     pub unattributed: Vec<Option<usize>>,
+}
+
+/// What truncating a game's global Q costs.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TruncationFigures {
+    /// The least reward of a step.
+    pub least_reward: f64,
+    /// The largest reward of a step.
+    pub largest_reward: f64,
+    /// How far the global Q is from the true one at the most, by what it leaves of Bellman's
+    /// equation.
+    pub q_error: f64,
+    /// The errors at kappa = 0, 1, ..., of all vehicles.
+    pub by_kappa: Vec<TruncationErrors>,
+}
+
+impl TruncationFigures {
+    /// The paper's Theorem 2: `rbar / (1 - gamma) * gamma^(kappa / 2)`.
+    pub fn paper_bound(&self, discount: f64, kappa: usize) -> f64 {
+        self.largest_reward / (1.0 - discount) * discount.powf(kappa as f64 / 2.0)
+    }
+
+    /// What its proof comes to: own state and action are the same for the first
+    /// `floor(kappa / 2)` steps, and later rewards differ by their span at the most.
+    pub fn proof_bound(&self, discount: f64, kappa: usize) -> f64 {
+        let span = self.largest_reward - self.least_reward;
+        span / (1.0 - discount) * discount.powf((kappa / 2 + 1) as f64)
+    }
 }

@@ -20,17 +20,20 @@ pub enum Experiment {
     EpisodeReward,
     /// Standing vehicles behind a corner, with and without shared vision.
     ObstacleAtCorner,
+    /// What truncating the Q-function to a neighbourhood costs, beside the bound of Theorem 2.
+    Truncation,
 }
 
 impl Experiment {
     /// All of them, in the paper's order.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::CavRatio,
         Self::Density,
         Self::Safety,
         Self::Headway,
         Self::EpisodeReward,
         Self::ObstacleAtCorner,
+        Self::Truncation,
     ];
 
     /// Its name on the command line and in files.
@@ -42,6 +45,7 @@ impl Experiment {
             Self::Headway => "headway",
             Self::EpisodeReward => "episode-reward",
             Self::ObstacleAtCorner => "obstacle-at-corner",
+            Self::Truncation => "truncation",
         }
     }
 
@@ -59,7 +63,7 @@ impl Experiment {
             Self::Safety | Self::Headway | Self::EpisodeReward => {
                 &[Behaviour::Ours, Behaviour::Maddpg]
             }
-            Self::ObstacleAtCorner => &[],
+            Self::ObstacleAtCorner | Self::Truncation => &[],
         }
     }
 

@@ -1,7 +1,9 @@
 use covista_sensors::ErrorModel;
 use rayon::prelude::*;
 
-use super::{Case, ExperimentError, Figures, Policies, ring_case, scene_case, training_case};
+use super::{
+    Case, ExperimentError, Figures, Policies, ring_case, scene_case, training_case, truncation_case,
+};
 
 /// What cases are driven with.
 #[derive(Default)]
@@ -22,6 +24,7 @@ impl Means {
             Case::Loop(case) => Figures::Loop(Box::new(ring_case::drive(case, &self.policies)?)),
             Case::Scene(case) => Figures::Scene(scene_case::drive(case, self.errors.as_ref())?),
             Case::Training(case) => Figures::Training(training_case::drive(case)?),
+            Case::Truncation(case) => Figures::Truncation(truncation_case::drive(case)?),
         })
     }
 

@@ -5,8 +5,8 @@ use covista_traffic::{RingSettings, Scenario};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Behaviour, Case, Experiment, ExperimentError, LoopCase, Percepts, Policies, SceneCase, Seeds,
-    TrainingCase, training_case, training_case::training_config,
+    Behaviour, Case, Experiment, ExperimentError, LoopCase, NetworkedGame, Percepts, Policies,
+    SceneCase, Seeds, TrainingCase, TruncationCase, training_case, training_case::training_config,
 };
 use crate::{ControlMode, RingEnvironment, RingEnvironmentSettings, environment::BEHAVIOUR_S};
 
@@ -18,6 +18,10 @@ const HEADWAY_STEPS: u64 = 500;
 const VEHICLES: usize = 30;
 const CAVS: usize = 18;
 const SCENARIO: &str = "obstacle-at-corner";
+/// Vehicles of the games whose global Q is computed: 2^10 joint states with 2^10 joint actions.
+const RING_VEHICLES: usize = 10;
+/// gamma: a short sight, the paper's, and that of the shipped policies.
+const DISCOUNTS: [f64; 3] = [0.5, 0.9, 0.97];
 
 /// What may be chosen about an experiment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -112,6 +116,7 @@ impl Plan {
             }
             Experiment::EpisodeReward => self.trainings_made().map(Case::Training).collect(),
             Experiment::ObstacleAtCorner => self.scenes()?,
+            Experiment::Truncation => self.games().collect(),
         })
     }
 
@@ -168,6 +173,23 @@ impl Plan {
             })
         };
         Ok(of(true).chain(of(false)).collect())
+    }
+
+    fn games(&self) -> impl Iterator<Item = Case> {
+        let traffic = self.seeds().map(|seed| NetworkedGame::Traffic { seed });
+        let games: Vec<_> = traffic.chain([NetworkedGame::Relay]).collect();
+        DISCOUNTS.into_iter().flat_map(move |discount| {
+            let case = move |game| TruncationCase {
+                game,
+                vehicles: RING_VEHICLES,
+                discount,
+            };
+            let cases: Vec<_> = games
+                .iter()
+                .map(|&game| Case::Truncation(case(game)))
+                .collect();
+            cases
+        })
     }
 
     fn trainings_made(&self) -> Box<dyn Iterator<Item = TrainingCase> + '_> {
@@ -244,7 +266,10 @@ mod tests {
 
     #[test]
     fn every_case_has_a_name_of_its_own() {
-        for (experiment, count) in Experiment::ALL.into_iter().zip([155, 135, 90, 10, 10, 10]) {
+        for (experiment, count) in Experiment::ALL
+            .into_iter()
+            .zip([155, 135, 90, 10, 10, 10, 18])
+        {
             let cases = plan(experiment).cases().expect("cases");
             let mut names: Vec<_> = cases.iter().map(Case::name).collect();
             assert_eq!(names.len(), count, "{experiment:?}");

@@ -5,6 +5,7 @@ mod by_ratio;
 mod headway;
 mod scene;
 mod training;
+mod truncation;
 
 use super::{
     Behaviour, Case, Diagram, Experiment, Figures, Key, Line, LoopCase, LoopFigures, Plan,
@@ -23,6 +24,7 @@ impl Plan {
             Experiment::Headway => headway::headway(&loops(driven)),
             Experiment::EpisodeReward => training::episode_reward(driven),
             Experiment::ObstacleAtCorner => scene::obstacle_at_corner(driven),
+            Experiment::Truncation => truncation::truncation(driven),
         };
         if is_complete {
             results.claims = claims::of(self.experiment, &results.rows, driven);

@@ -30,11 +30,80 @@ pub struct UpdateCost {
     pub transition_bytes: usize,
 }
 
-/// Measures `updates` updates of one agent among `agents`, with random transitions in which all
-/// `neighbours` places are taken.
+/// The sizes of one agent's update.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+pub struct UpdateSizes {
+    /// Transitions of a minibatch.
+    pub minibatch: usize,
+    /// Own features.
+    pub own: usize,
+    /// Neighbours of each transition, K.
+    pub neighbours: usize,
+    /// Features of a neighbour.
+    pub neighbour: usize,
+    /// Units of the LSTM and of the hidden layer.
+    pub hidden: usize,
+}
+
+/// One agent's learner under the clock, its buffer full of random transitions in which the places
+/// of all neighbours are taken.
+pub struct TimedLearner {
+    learner: Learner,
+    workspace: Workspace,
+    plan: Plan,
+    sizes: UpdateSizes,
+}
+
+impl TimedLearner {
+    /// A learner of one among `agents`, with `neighbours` neighbours each.
+    ///
+    /// # Errors
+    /// When a hyperparameter makes no sense, there is no agent, or too many neighbours.
+    pub fn new(
+        algorithm: Algorithm,
+        agents: usize,
+        neighbours: usize,
+        hyperparameters: Hyperparameters,
+    ) -> Result<Self, LearningError> {
+        let (learner, workspace, plan) = prepared(algorithm, agents, neighbours, hyperparameters)?;
+        Ok(Self {
+            sizes: UpdateSizes {
+                minibatch: hyperparameters.minibatch,
+                own: OWN_FEATURES,
+                neighbours,
+                neighbour: NEIGHBOUR_FEATURES,
+                hidden: hyperparameters.hidden,
+            },
+            learner,
+            workspace,
+            plan,
+        })
+    }
+
+    /// What an equal update elsewhere is made of.
+    pub fn sizes(&self) -> UpdateSizes {
+        self.sizes
+    }
+
+    /// Makes `updates` updates and tells the seconds of each.
+    ///
+    /// # Errors
+    /// When a network diverges.
+    pub fn time(&mut self, updates: usize) -> Result<Vec<f64>, LearningError> {
+        let mut times_s = Vec::with_capacity(updates);
+        for _ in 0..updates {
+            let start = Instant::now();
+            self.learner.update(&mut self.workspace)?;
+            times_s.push(start.elapsed().as_secs_f64());
+        }
+        Ok(times_s)
+    }
+}
+
+/// Measures `updates` updates of one agent among `agents`, after one that does not count.
 ///
 /// # Errors
-/// When a hyperparameter makes no sense, there is no agent, or too many neighbours.
+/// Those of [`TimedLearner`].
 pub fn update_cost(
     algorithm: Algorithm,
     agents: usize,
@@ -42,23 +111,18 @@ pub fn update_cost(
     hyperparameters: Hyperparameters,
     updates: usize,
 ) -> Result<UpdateCost, LearningError> {
-    let (mut learner, mut workspace, plan) =
-        prepared(algorithm, agents, neighbours, hyperparameters)?;
-    let mut times_ms = Vec::with_capacity(updates.max(1));
-    learner.update(&mut workspace)?;
-    for _ in 0..updates.max(1) {
-        let start = Instant::now();
-        learner.update(&mut workspace)?;
-        times_ms.push(start.elapsed().as_secs_f64() * 1e3);
-    }
-    times_ms.sort_by(f64::total_cmp);
-    let median_ms = times_ms[times_ms.len() / 2];
+    let mut timed = TimedLearner::new(algorithm, agents, neighbours, hyperparameters)?;
+    timed.time(1)?;
+    let mut times_s = timed.time(updates.max(1))?;
+    times_s.sort_by(f64::total_cmp);
+    let median_s = times_s[times_s.len() / 2];
+    let TimedLearner { learner, plan, .. } = timed;
     Ok(UpdateCost {
         algorithm,
         agents,
         neighbours,
-        updates_per_s: 1e3 / median_ms,
-        median_ms,
+        updates_per_s: 1.0 / median_s,
+        median_ms: 1e3 * median_s,
         critic_input_bytes: plan.critic.inputs_per_row(neighbours) * size_of::<f32>(),
         transition_bytes: learner.replay.bytes_per_transition(),
     })

@@ -8,14 +8,12 @@ use covista_perception::{
 use std::path::Path;
 
 use super::peer::{Peer, PeerStage};
+use crate::bench::turns::Turns;
 
 /// Frames of a turn that count.
 pub(super) const TURN_FRAMES: usize = 10;
 /// Frames before them that don't: weights and threads come back from other networks' turns.
 pub(super) const WARM_UP_FRAMES: usize = 2;
-
-/// Wall times in seconds, by turn.
-pub(super) type Turns = Vec<Vec<f64>>;
 
 /// A network on a provider, and what was measured of it.
 pub(super) struct Contestant {

@@ -3,8 +3,9 @@
 use covista_perception::{BenchTimes, ModelCard, Sorted};
 use serde::Serialize;
 
-use super::contest::{Contest, Contestant, Turns};
+use super::contest::{Contest, Contestant};
 use super::member::Member;
+use crate::bench::turns::{Turns, sorted, speed_ratio};
 
 pub(super) const NETWORK: &str = "network";
 pub(super) const END_TO_END: &str = "end_to_end";
@@ -203,21 +204,6 @@ impl Row {
     }
 }
 
-fn sorted(turns: &Turns) -> Sorted {
-    turns.iter().flatten().copied().collect()
-}
-
-/// How many times as fast `ours` are as `theirs`: the median over the rounds, whose turns followed
-/// each other.
-fn speed_ratio(ours: &Turns, theirs: &Turns) -> f64 {
-    let median = |turn: &Vec<f64>| turn.iter().copied().collect::<Sorted>().median();
-    let ratios = ours
-        .iter()
-        .zip(theirs)
-        .map(|(ours, theirs)| median(theirs) / median(ours));
-    ratios.collect::<Sorted>().median()
-}
-
 /// Fills in how the rows of covista compare with each other.
 fn compare(rows: &mut [Row]) {
     let all = rows.to_vec();
@@ -315,12 +301,5 @@ mod tests {
         }
         assert_eq!(rows[0].frames, 3);
         assert!((rows[0].img_per_s - 12.5).abs() < 1e-9);
-    }
-
-    #[test]
-    fn a_ratio_is_the_median_over_rounds_so_that_a_slow_one_does_not_count() {
-        let ours = vec![vec![1.0, 1.0], vec![10.0, 10.0], vec![1.0, 2.0, 1.0]];
-        let theirs = vec![vec![2.0, 2.0], vec![2.0, 2.0], vec![3.0, 3.0, 3.0]];
-        assert!((speed_ratio(&ours, &theirs) - 2.0).abs() < 1e-12);
     }
 }
