@@ -1,6 +1,6 @@
 //! The figures of `covista bench perception`.
 
-use covista_perception::{BenchTimes, ModelCard, Sorted};
+use covista_perception::{BenchTimes, ModelCard};
 use serde::Serialize;
 
 use super::contest::{Contest, Contestant};
