@@ -48,7 +48,7 @@ pub use covista_traffic::{
     time_ring,
 };
 pub use environment::{
-    RingEnvironment, RingEnvironmentError, RingEnvironmentSettings, RingSafety, RingTally,
+    RingEnvironment, RingEnvironmentError, RingEnvironmentSettings, RingPerception, RingSafety, RingTally,
     time_closed_loop,
 };
 pub use evaluate::{
