@@ -1,8 +1,6 @@
 use std::{fmt::Write as _, path::Path};
 
-use covista_drive::{
-    Case, Claim, Diagram, Figures, Key, Percepts, Plan, Quantity, Results, Row,
-};
+use covista_drive::{Case, Claim, Diagram, Figures, Key, Percepts, Plan, Quantity, Results, Row};
 use covista_viewer::{Curve, CurvePanel, plot_curves};
 use serde_json::json;
 

@@ -132,7 +132,8 @@ impl Perceived {
                 .filter(|&other| frame.hears(index, other))
                 .map(|other| nearest(&self.messages[other], cav.state.pose.position(), lap_m))
                 .collect();
-            mind.tracker.receive(time_s, heard.iter().map(AsRef::as_ref));
+            mind.tracker
+                .receive(time_s, heard.iter().map(AsRef::as_ref));
         }
     }
 }

@@ -77,7 +77,10 @@ fn percepts_with_errors_are_the_same_for_a_seed_and_drive_another_episode_than_e
     let episode = drive(&mut statistical, 3, true);
     assert_ne!(episode, drive(&mut statistical, 4, true));
     assert_eq!(episode, drive(&mut statistical, 3, true));
-    assert_eq!(episode, drive(&mut with(RingPerception::Statistical), 3, true));
+    assert_eq!(
+        episode,
+        drive(&mut with(RingPerception::Statistical), 3, true)
+    );
     assert_ne!(episode, drive(&mut with(RingPerception::Exact), 3, true));
 }
 

@@ -90,14 +90,17 @@ impl Shape {
 pub(super) fn is_seen(eye: [f64; 2], bodies: &[Shape], index: usize) -> bool {
     let body = &bodies[index];
     let points = body.corners.into_iter().chain([body.middle()]);
-    points.into_iter().any(|point| is_past(eye, bodies, index, point))
+    points
+        .into_iter()
+        .any(|point| is_past(eye, bodies, index, point))
 }
 
 /// Share of the outline of body `index` that is seen from `eye` past all the others: of corners and
 /// middles of the sides, a little inside, as the sensors' truth has it.
 pub(super) fn visible_share(eye: [f64; 2], bodies: &[Shape], index: usize) -> f64 {
     let (middle, corners) = (bodies[index].middle(), bodies[index].corners);
-    let inside = |point: [f64; 2]| [0, 1].map(|axis| middle[axis] + 0.9 * (point[axis] - middle[axis]));
+    let inside =
+        |point: [f64; 2]| [0, 1].map(|axis| middle[axis] + 0.9 * (point[axis] - middle[axis]));
     let sides = [0, 1, 2, 3].map(|side: usize| {
         let (one, other) = (corners[side], corners[(side + 1) % 4]);
         [0, 1].map(|axis| (one[axis] + other[axis]) / 2.0)
@@ -221,7 +224,8 @@ mod tests {
         )
         .expect("a road");
         let safety = SafetySettings::default();
-        let [left, middle, right] = free_lanes(&road, [0.0, 0.0], &[car(20.0, 0.0)], &safety, |_, _| true);
+        let [left, middle, right] =
+            free_lanes(&road, [0.0, 0.0], &[car(20.0, 0.0)], &safety, |_, _| true);
         assert!(middle.is_blocked && (middle.open_m - 18.0).abs() < 1e-9);
         assert!((middle.clear_m - safety.sight_range_m).abs() < 1e-9);
         // Through the near corner at (18, 1), to the inner edge at 1.75 + 0.2.

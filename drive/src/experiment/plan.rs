@@ -9,8 +9,7 @@ use super::{
     TrainingCase, training_case::SPEED_WEIGHT, training_config,
 };
 use crate::{
-    ControlMode, RingEnvironment, RingEnvironmentSettings, RingPerception,
-    environment::BEHAVIOUR_S,
+    ControlMode, RingEnvironment, RingEnvironmentSettings, RingPerception, environment::BEHAVIOUR_S,
 };
 
 /// Behaviour steps of an episode: the paper's 40,000 steps of 0.01 s.
@@ -253,8 +252,8 @@ mod tests {
         let exact = plan(Experiment::CavRatio);
         let mut statistical = exact.clone();
         statistical.options.percepts = Percepts::Statistical;
-        let pairs = (exact.cases().expect("cases").into_iter())
-            .zip(statistical.cases().expect("cases"));
+        let pairs =
+            (exact.cases().expect("cases").into_iter()).zip(statistical.cases().expect("cases"));
         for (exact, other) in pairs {
             let Case::Loop(case) = &other else {
                 panic!("no loop: {other:?}");

@@ -41,7 +41,11 @@ fn drive(
         environment.observe(&mut situations).expect("observed");
         for cav in &mut environment.cavs {
             let is_safe = cav.options.safe.contains(Action::KeepLane);
-            let action = if is_safe { Action::KeepLane } else { Action::EmergencyStop };
+            let action = if is_safe {
+                Action::KeepLane
+            } else {
+                Action::EmergencyStop
+            };
             cav.set_action(action, time_s);
         }
         for _ in 0..BEHAVIOUR_STEPS / FRAME_STEPS {
@@ -91,7 +95,6 @@ fn tracks_lie_about_the_truth_and_some_vehicles_are_missed() {
     });
     let mean_m = errors_m.iter().sum::<f64>() / errors_m.len() as f64;
     let missed_share = f64::from(missed) / f64::from(seen);
-    println!("{seen} seen, {missed} missed, mean error {mean_m:.3} m");
     // Half of the model's errors along a car lie within 0.12 to 0.35 m, depending on distance.
     assert!((0.05..0.5).contains(&mean_m), "{mean_m}");
     assert!((0.002..0.2).contains(&missed_share), "{missed} of {seen}");
@@ -104,6 +107,7 @@ fn whoever_is_met_across_the_beginning_of_a_lap_is_tracked_without_a_jump() {
     drive(RingPerception::Statistical, true, 120, &mut |environment| {
         let ring = &environment.ring;
         let period_m = ring.road().period_m();
+        let then_seen = std::mem::replace(&mut before, vec![None; 6 * 12]);
         let lap_of = |index: usize| (ring.vehicles()[index].frenet().s_m / period_m).floor();
         for cav in 0..6 {
             for Seen { vehicle, laps, .. } in environment.sights.seen(cav) {
@@ -116,7 +120,8 @@ fn whoever_is_met_across_the_beginning_of_a_lap_is_tracked_without_a_jump() {
                 let now = now.map(|(track, error_m)| {
                     (track.id, lap_of(cav) + lap_of(vehicle), place, error_m)
                 });
-                let then = std::mem::replace(&mut before[cav * 12 + vehicle], now);
+                before[cav * 12 + vehicle] = now;
+                let then = then_seen[cav * 12 + vehicle];
                 let Some((then, now)) = then.zip(now).filter(|(then, now)| then.1 != now.1) else {
                     continue;
                 };
@@ -124,36 +129,51 @@ fn whoever_is_met_across_the_beginning_of_a_lap_is_tracked_without_a_jump() {
                 crossings += 1;
                 kept += usize::from(then.0 == now.0);
                 let moved_m = (now.2.position() - then.2.position()).norm();
-                assert!(moved_m < 10.0 && (now.3 - then.3).abs() < 1.5, "{then:?} {now:?}");
+                assert!(
+                    moved_m < 2.5 && (now.3 - then.3).abs() < 1.5,
+                    "{then:?} {now:?}"
+                );
             }
         }
     });
-    println!("{kept} of {crossings} kept, {tracked} of {farther} across tracked");
-    assert!(crossings > 20 && kept * 10 >= crossings * 9, "{kept} of {crossings}");
-    assert!(farther > 100 && tracked * 10 > farther * 8, "{tracked} of {farther}");
+    assert!(
+        crossings > 20 && kept * 10 >= crossings * 9,
+        "{kept} of {crossings}"
+    );
+    assert!(
+        farther > 100 && tracked * 10 > farther * 8,
+        "{tracked} of {farther}"
+    );
 }
 
 #[test]
 fn with_sharing_a_cav_knows_of_vehicles_that_are_hidden_from_it() {
     let hidden_known = |sharing| {
         let (mut hidden, mut known) = (0, 0);
-        drive(RingPerception::Statistical, sharing, 20, &mut |environment| {
-            for cav in 0..6 {
-                let own = environment.cavs[cav].state.pose.position();
-                for vehicle in (0..12).filter(|&vehicle| vehicle != cav) {
-                    let away_m = (met(environment, cav, vehicle).position() - own).norm();
-                    if away_m < 100.0 && !environment.sights.sees(cav, vehicle) {
-                        hidden += 1;
-                        known += usize::from(track_of(environment, cav, vehicle).is_some());
+        drive(
+            RingPerception::Statistical,
+            sharing,
+            20,
+            &mut |environment| {
+                for cav in 0..6 {
+                    let own = environment.cavs[cav].state.pose.position();
+                    for vehicle in (0..12).filter(|&vehicle| vehicle != cav) {
+                        let away_m = (met(environment, cav, vehicle).position() - own).norm();
+                        if away_m < 100.0 && !environment.sights.sees(cav, vehicle) {
+                            hidden += 1;
+                            known += usize::from(track_of(environment, cav, vehicle).is_some());
+                        }
                     }
                 }
-            }
-        });
+            },
+        );
         f64::from(u32::try_from(known).expect("a few")) / f64::from(hidden)
     };
     let (alone, together) = (hidden_known(false), hidden_known(true));
-    println!("hidden and known: {alone:.3} alone, {together:.3} with sharing");
-    assert!(together > 0.5 && together > alone + 0.3, "{alone} {together}");
+    assert!(
+        together > 0.5 && together > alone + 0.3,
+        "{alone} {together}"
+    );
 }
 
 #[test]
