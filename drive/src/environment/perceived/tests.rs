@@ -102,13 +102,13 @@ fn tracks_lie_about_the_truth_and_some_vehicles_are_missed() {
 
 #[test]
 fn whoever_is_met_across_the_beginning_of_a_lap_is_tracked_without_a_jump() {
-    let mut before: Vec<Option<(u32, f64, Se2Pose, f64)>> = vec![None; 6 * 12];
+    let mut before: Vec<Option<(u32, i64, Se2Pose, f64)>> = vec![None; 6 * 12];
     let (mut crossings, mut kept, mut farther, mut tracked) = (0, 0, 0, 0);
     drive(RingPerception::Statistical, true, 120, &mut |environment| {
         let ring = &environment.ring;
         let period_m = ring.road().period_m();
         let then_seen = std::mem::replace(&mut before, vec![None; 6 * 12]);
-        let lap_of = |index: usize| (ring.vehicles()[index].frenet().s_m / period_m).floor();
+        let lap_of = |index: usize| (ring.vehicles()[index].frenet().s_m / period_m) as i64;
         for cav in 0..6 {
             for Seen { vehicle, laps, .. } in environment.sights.seen(cav) {
                 let now = track_of(environment, cav, vehicle);
