@@ -94,7 +94,7 @@ pub struct ExperimentArgs {
     /// obstacle-at-corner the scenario's length]
     #[arg(long, value_name = "STEPS")]
     pub episode: Option<NonZeroU32>,
-    /// Where percepts come from, in obstacle-at-corner
+    /// Where the CAVs' percepts come from; not for episode-reward
     #[arg(long, value_enum, default_value = "truth")]
     pub perception: PerceptArg,
     /// Folder of the trained policies [default: models, where the command runs or beside the

@@ -57,9 +57,9 @@ pub fn run(args: &ExperimentArgs) -> anyhow::Result<()> {
 /// Options that belong to another experiment are refused.
 fn check(args: &ExperimentArgs) -> anyhow::Result<()> {
     let (name, learned) = (args.name.name(), args.name.learned());
-    if args.perception != PerceptArg::Truth && args.name != Experiment::ObstacleAtCorner {
+    if args.perception != PerceptArg::Truth && args.name == Experiment::EpisodeReward {
         bail!(
-            "--perception is for obstacle-at-corner; CAVs on the loop know what is in line of sight"
+            "--perception is for what is driven; for episode-reward set environment.perception in the TOML of `covista train` and give its folder with --trained"
         );
     }
     if !args.trained.is_empty() && args.name != Experiment::EpisodeReward {

@@ -3,6 +3,9 @@
 
 mod cav;
 mod knowledge;
+mod perceived;
+mod perception;
+mod sights;
 mod tally;
 mod timing;
 mod view;
@@ -18,12 +21,17 @@ use covista_planner::{
         NEIGHBOUR_FEATURES, OWN_FEATURES, Outcome, Shape, Situations,
     },
 };
+use covista_sensors::{ErrorModel, ErrorModelError};
 use covista_traffic::{Ring, RingError, RingSettings};
 use covista_world::{Action, ControlInput, Road, StationId};
 use serde::{Deserialize, Serialize};
 
 use cav::{RingCav, nearest_lane};
-use knowledge::{Hearing, Knowledge};
+use knowledge::Exact;
+use perceived::Perceived;
+pub use perception::RingPerception;
+use perception::{Frame, Knowledge};
+use sights::Sights;
 pub use tally::RingTally;
 pub use timing::time_closed_loop;
 pub use watch::RingSafety;
@@ -42,6 +50,9 @@ pub struct RingEnvironmentSettings {
     pub ring: RingSettings,
     /// The controller of every CAV.
     pub control: ControlSettings,
+    /// How they come to know of the others.
+    #[serde(skip_serializing_if = "RingPerception::is_exact")]
+    pub perception: RingPerception,
     /// Whether CAVs tell each other what they are about and whom they see.
     pub sharing: bool,
     /// How far their messages reach in metres, along the road.
@@ -66,6 +77,7 @@ impl Default for RingEnvironmentSettings {
                 ..RingSettings::default()
             },
             control: ControlSettings::default(),
+            perception: RingPerception::default(),
             sharing: true,
             communication_m: 150.0,
             neighbours: 6,
@@ -95,6 +107,9 @@ pub enum RingEnvironmentError {
     /// The controller.
     #[error(transparent)]
     Settings(#[from] SettingsError),
+    /// The errors of perception.
+    #[error(transparent)]
+    Errors(#[from] ErrorModelError),
     /// What a CAV knows.
     #[error(transparent)]
     Observation(#[from] InvalidObservation),
@@ -107,21 +122,23 @@ pub enum RingEnvironmentError {
 /// its controller at 100 Hz, a decision every 0.5 s.
 ///
 /// A CAV knows a vehicle when it has line of sight to it, or, with sharing, when it hears it or a
-/// CAV that has. What is known is exact as of the newest frame (10 Hz); `covista demo` has the
-/// errors of the networks, the tracker and the channel.
+/// CAV that has: exactly, as of the newest frame (10 Hz), or by a tracker of its own
+/// ([`RingPerception`]).
 pub struct RingEnvironment {
     settings: RingEnvironmentSettings,
     ring: Ring,
     profile: RoadProfile,
     cavs: Vec<RingCav>,
-    knowledge: Knowledge,
+    sights: Sights,
+    /// For perception with errors.
+    errors: Option<Arc<ErrorModel>>,
+    knowledge: Box<dyn Knowledge>,
     watch: Option<Watch>,
     encoder: FeatureEncoder,
     step: u64,
     tally: RingTally,
     // Storage of one step, used again in the next.
     inputs: Vec<ControlInput>,
-    announced: Vec<(Action, f64)>,
     speeds_mps: Vec<f64>,
     driven: Vec<Action>,
 }
@@ -152,12 +169,16 @@ impl RingEnvironment {
         let mut environment = Self {
             encoder: FeatureEncoder::new(Some(ring.road().period_m())),
             cavs: Vec::new(),
-            knowledge: Knowledge::default(),
+            sights: Sights::default(),
+            errors: match settings.perception {
+                RingPerception::Exact => None,
+                RingPerception::Statistical => Some(Arc::new(ErrorModel::builtin()?)),
+            },
+            knowledge: Box::new(Exact::default()),
             watch: None,
             step: 0,
             tally: RingTally::default(),
             inputs: Vec::new(),
-            announced: Vec::new(),
             speeds_mps: Vec::new(),
             driven: Vec::new(),
             settings,
@@ -204,6 +225,10 @@ impl RingEnvironment {
             self.cavs
                 .push(RingCav::new(vehicle, road, settings.control)?);
         }
+        self.knowledge = match &self.errors {
+            None => Box::new(Exact::default()),
+            Some(errors) => Box::new(Perceived::new(Arc::clone(errors), &self.cavs)),
+        };
         self.frame();
         self.carry_on();
         Ok(())
@@ -276,24 +301,24 @@ impl RingEnvironment {
     /// A frame: everybody looks, and tells what they see and do.
     fn frame(&mut self) {
         let (ring, safety) = (&self.ring, &self.settings.control.safety);
-        let time_s = ring.time_s();
-        self.announced.clear();
-        self.announced
-            .extend(self.cavs.iter().map(|cav| cav.announced));
-        let hearing = Hearing {
+        let (road, time_s) = (self.profile.road(), ring.time_s());
+        self.sights.frame(ring, self.cavs.len(), safety);
+        self.knowledge.frame(&Frame {
+            ring,
+            cavs: &self.cavs,
+            sights: &self.sights,
+            profile: &self.profile,
+            safety,
             sharing: self.settings.sharing,
-            range_m: self.settings.communication_m,
-        };
-        self.knowledge.frame(ring, &self.announced, hearing);
+            communication_m: self.settings.communication_m,
+        });
         for (index, cav) in self.cavs.iter_mut().enumerate() {
-            let seen = self.knowledge.look(index, ring, &self.profile, safety);
+            let knows = |lane, body: &_| self.knowledge.knows(index, lane, body);
+            let seen = self.sights.free(index, time_s, road, safety, knows);
             cav.sight.update(&seen, time_s, safety);
         }
-        for (index, cav) in self.cavs.iter_mut().enumerate() {
-            self.knowledge.known(index, ring, &mut cav.known);
-        }
         if let Some(watch) = &mut self.watch {
-            watch.frame(ring, &self.cavs, &self.knowledge);
+            watch.frame(ring, self.cavs.len(), &self.sights, &*self.knowledge);
         }
     }
 
@@ -302,8 +327,8 @@ impl RingEnvironment {
         let safety = &self.settings.control.safety;
         self.knowledge
             .carry_on(&self.profile, self.ring.time_s(), safety);
-        for cav in &mut self.cavs {
-            self.knowledge.neighbours(&cav.known, &mut cav.neighbours);
+        for (index, cav) in self.cavs.iter_mut().enumerate() {
+            self.knowledge.neighbours(index, &mut cav.neighbours);
         }
     }
 
@@ -335,7 +360,7 @@ impl RingEnvironment {
                 manoeuvre: phase(cav.manoeuvre(), road, cav.frenet.d_m),
             };
             let observation = Observation {
-                neighbours: self.knowledge.observed(&cav.known),
+                neighbours: self.knowledge.observed(index),
                 ..Observation::new(road, &own, &[])?
             };
             let mut row = situations.get_mut(index);

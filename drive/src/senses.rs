@@ -140,7 +140,7 @@ fn without_networks(
 fn drawn(view: &Viewpoint<'_>, model: &ErrorModel, seed: u64) -> Vec<Percept> {
     let drawn = model.perceive(view, seed).into_iter();
     drawn
-        .map(|drawn| percept(view, drawn.detection, drawn.lane))
+        .map(|drawn| percept(view.calibration, drawn.detection, drawn.lane))
         .collect()
 }
 
@@ -150,7 +150,7 @@ fn exact(view: &Viewpoint<'_>) -> Vec<Percept> {
     truth_detections(view)
         .into_iter()
         .map(|in_lidar| {
-            let exact = percept(view, in_lidar, None);
+            let exact = percept(view.calibration, in_lidar, None);
             let world = own.transform(exact.detection.center_m.xy());
             let lane = road.lane_at(road.to_frenet(world).d_m);
             Percept {
@@ -163,9 +163,13 @@ fn exact(view: &Viewpoint<'_>) -> Vec<Percept> {
 }
 
 /// A box of the LIDAR frame, which stands upright on the vehicle, as fusion tells of it.
-fn percept(view: &Viewpoint<'_>, in_lidar: Detection3d, lane: Option<LaneIndex>) -> Percept {
+pub(crate) fn percept(
+    calibration: &Calibration,
+    in_lidar: Detection3d,
+    lane: Option<LaneIndex>,
+) -> Percept {
     let from_sensor = in_lidar.center_m;
-    let center = view.calibration.vehicle_from_lidar * Point3::from(from_sensor);
+    let center = calibration.vehicle_from_lidar * Point3::from(from_sensor);
     let bearing_rad = from_sensor.y.atan2(from_sensor.x);
     let rotation_y_rad = wrap_angle(-in_lidar.yaw_rad - std::f64::consts::FRAC_PI_2);
     Percept {

@@ -42,12 +42,18 @@ impl Expectation {
     /// The gate is the Mahalanobis distance under the prediction's and the detector's covariance,
     /// widened along and across the heading by what a partly seen box may be off.
     fn cost(&self, position: Vector2<f64>, std_m: f64) -> Option<f64> {
+        let offset = position - self.body.center.position();
+        let [along, across] = BOX_SLACK_M.map(|m| m * m);
+        // No eigenvalue of the covariance is larger than its trace.
+        let most = self.position_covariance.trace() + 2.0 * std_m.powi(2) + along + across;
+        if offset.norm_squared() > 1.01 * GATE * most {
+            return None;
+        }
         let rotation = Rotation2::new(self.body.center.yaw_rad);
-        let slack = Matrix2::from_diagonal(&Vector2::from(BOX_SLACK_M.map(|m| m * m)));
+        let slack = Matrix2::from_diagonal(&Vector2::new(along, across));
         let covariance = self.position_covariance
             + Matrix2::identity() * std_m.powi(2)
             + rotation.matrix() * slack * rotation.matrix().transpose();
-        let offset = position - self.body.center.position();
         let distance2 = offset.dot(&(covariance.try_inverse()? * offset));
         (distance2 < GATE).then(|| distance2 + covariance.determinant().ln())
     }

@@ -1,3 +1,5 @@
+use std::collections::VecDeque;
+
 use covista_world::{ObjectClass, StationId, wrap_angle};
 use nalgebra::{Matrix2, Rotation2, Vector2, Vector3};
 
@@ -164,17 +166,18 @@ fn heading(old_rad: f64, box_rad: f64, velocity: Vector2<f64>) -> f64 {
 pub(crate) struct Estimate {
     /// What the measurements before the window told.
     base: Option<Belief>,
-    /// Recent measurements by time and station.
-    window: Vec<Measurement>,
+    /// Recent measurements by time and station, each with what it and all before it tell.
+    window: VecDeque<(Measurement, Belief)>,
     belief: Belief,
 }
 
 impl Estimate {
     pub fn new(first: Measurement, settings: &TrackerSettings) -> Self {
+        let belief = Belief::start(&first, settings);
         Self {
             base: None,
-            belief: Belief::start(&first, settings),
-            window: vec![first],
+            belief,
+            window: VecDeque::from([(first, belief)]),
         }
     }
 
@@ -183,46 +186,43 @@ impl Estimate {
     }
 
     pub fn newest(&self) -> Option<&Measurement> {
-        self.window.last()
+        self.window.back().map(|(z, _)| z)
     }
 
     /// Mean score of the recent measurements.
     pub fn mean_score(&self) -> f64 {
-        let sum: f64 = self.window.iter().map(|z| z.score).sum();
+        let sum: f64 = self.window.iter().map(|(z, _)| z.score).sum();
         sum / self.window.len().max(1) as f64
     }
 
     /// Takes up a measurement; one that is known already, or too old to be put in its place,
     /// changes nothing.
     pub fn add(&mut self, z: Measurement, settings: &TrackerSettings) {
-        let place = self
-            .window
-            .partition_point(|other| (other.time_s, other.station) < (z.time_s, z.station));
-        let known = self
-            .window
-            .get(place)
-            .is_some_and(|other| (other.time_s, other.station) == (z.time_s, z.station));
+        let key = |z: &Measurement| (z.time_s, z.station);
+        let place = (self.window).partition_point(|(other, _)| key(other) < key(&z));
+        let known = (self.window.get(place)).is_some_and(|(other, _)| key(other) == key(&z));
         if known || self.base.is_some_and(|base| z.time_s < base.filter.time_s) {
             return;
         }
-        self.window.insert(place, z);
-        let newest_s = self.newest().map_or(z.time_s, |newest| newest.time_s);
-        let settled = self
-            .window
-            .partition_point(|other| other.time_s < newest_s - REORDER_S);
-        for old in self.window.drain(..settled) {
-            self.base = Some(extended(self.base, &old, settings));
+        self.window.insert(place, (z, self.belief));
+        let before = place.checked_sub(1).map(|before| self.window[before].1);
+        let mut belief = before.or(self.base);
+        for (z, told) in self.window.range_mut(place..) {
+            *told = extended(belief, z, settings);
+            belief = Some(*told);
         }
-        let belief = self
-            .window
-            .iter()
-            .fold(self.base, |belief, z| Some(extended(belief, z, settings)));
         self.belief = belief.unwrap_or(self.belief);
+        let newest_s = self.newest().map_or(z.time_s, |newest| newest.time_s);
+        let settled =
+            (self.window).partition_point(|(other, _)| other.time_s < newest_s - REORDER_S);
+        if let Some((_, told)) = self.window.drain(..settled).next_back() {
+            self.base = Some(told);
+        }
     }
 
     /// Takes up the recent measurements of `other`.
     pub fn absorb(&mut self, other: &Self, settings: &TrackerSettings) {
-        for &z in &other.window {
+        for &(z, _) in &other.window {
             self.add(z, settings);
         }
     }

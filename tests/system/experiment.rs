@@ -349,6 +349,36 @@ fn truncation_has_the_errors_beside_the_bounds_and_goes_on_where_it_was() {
 }
 
 #[test]
+fn on_the_loop_percepts_with_errors_make_cases_of_their_own() {
+    let out = tempfile::tempdir().expect("a folder");
+    for perception in ["truth", "statistical"] {
+        run(&mut learned(
+            "headway",
+            out.path(),
+            &["--seeds", "1", "--episode", "4", "--perception", perception],
+        ));
+    }
+    let cases = cases(&out.path().join("headway"));
+    let with_errors = cases
+        .iter()
+        .filter(|(name, _)| name.ends_with("-statistical.json"));
+    assert_eq!((cases.len(), with_errors.clone().count()), (4, 2));
+    for (name, text) in with_errors {
+        assert!(
+            text.contains("\"perception\": \"statistical\""),
+            "{name}: {text}"
+        );
+        let exact = cases
+            .iter()
+            .find(|(other, _)| *other == name.replace("-statistical", ""));
+        let (_, exact) = exact.expect("the exact one");
+        assert!(!exact.contains("\"perception\""), "{exact}");
+    }
+    let text = fs::read_to_string(out.path().join("headway.md")).expect("a document");
+    assert!(text.contains("statistical perception"), "{text}");
+}
+
+#[test]
 fn learning_curves_are_read_or_made() {
     let out = tempfile::tempdir().expect("a folder");
     let given = |names: &[&str]| {
@@ -487,8 +517,8 @@ fn what_makes_no_experiment_is_refused_in_one_line() {
             &["--trained", "episode-reward"],
         ),
         (
-            &["safety", "--perception", "statistical"],
-            &["--perception", "obstacle-at-corner"],
+            &["episode-reward", "--perception", "statistical"],
+            &["--perception", "environment.perception", "--trained"],
         ),
         (
             &["obstacle-at-corner", "--retrain"],

@@ -74,6 +74,28 @@ fn a_training_writes_its_curve_and_goes_on_where_it_ended() {
 }
 
 #[test]
+fn a_training_with_the_errors_of_perception_is_another_one() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = folder.path().join("run");
+    let statistical = TINY.replace("steps = 8", "steps = 8\nperception = \"statistical\"");
+    trained(&statistical, folder.path(), &["--episodes", "1"]);
+    let with_errors = fs::read_to_string(run.join("curve.csv")).expect("a curve");
+    let settings = fs::read_to_string(run.join("settings.json")).expect("settings");
+    assert!(settings.contains("\"statistical\""), "{settings}");
+    trained(&statistical, folder.path(), &["--episodes", "1"]);
+    let again = fs::read_to_string(run.join("curve.csv")).expect("a curve");
+    assert_eq!(with_errors, again);
+    trained(TINY, folder.path(), &["--episodes", "1"]);
+    let exact = fs::read_to_string(run.join("curve.csv")).expect("a curve");
+    assert_ne!(with_errors, exact);
+
+    let unknown = statistical.replace("statistical", "radar");
+    let mut command = train(&unknown, folder.path(), &[]);
+    let parts = ["config.toml", "line 6", "radar", "exact", "statistical"];
+    assert_one_line_error(&mut command, &parts);
+}
+
+#[test]
 fn other_settings_and_a_damaged_checkpoint_are_told() {
     let folder = tempfile::tempdir().expect("a folder");
     trained(TINY, folder.path(), &["--decisions", "1"]);

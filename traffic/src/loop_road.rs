@@ -1,6 +1,7 @@
 use std::{f64::consts::FRAC_PI_2, sync::Arc};
 
 use covista_world::{LANE_COUNT, Road, RoadSegment, Se2Pose};
+use nalgebra::Vector2;
 
 use crate::RingError;
 
@@ -113,6 +114,13 @@ impl LoopRoad {
         self.road.length_m() - self.period_m
     }
 
+    /// How far a lap leads in the plane, in metres: an image a lap farther along the road is moved by
+    /// that, and not turned.
+    pub fn lap_m(&self) -> Vector2<f64> {
+        let place = |s_m| self.road.reference(s_m).0.position();
+        place(self.period_m) - place(0.0)
+    }
+
     /// The number of laps from `s_m` to its image nearest to `near_s_m`.
     pub fn laps_to(&self, s_m: f64, near_s_m: f64) -> f64 {
         ((near_s_m - s_m) / self.period_m).round()
@@ -209,6 +217,9 @@ mod tests {
             }
             // Left and right take turns: after a lap the road leads where it led before.
             assert!(road.turn_rad(period_m, 2.0 * period_m).abs() < 1e-9);
+            let [here, there] = [0.3, 1.3].map(|laps| road.reference(laps * period_m).0);
+            let apart = there.position() - here.position() - turns.lap_m();
+            assert!(apart.norm() < 1e-6, "{period_m} {apart}");
         }
     }
 

@@ -1,6 +1,6 @@
 use std::{fmt::Write as _, path::Path};
 
-use covista_drive::{Case, Claim, Diagram, Figures, Key, Plan, Quantity, Results, Row};
+use covista_drive::{Case, Claim, Diagram, Figures, Key, Percepts, Plan, Quantity, Results, Row};
 use covista_viewer::{Curve, CurvePanel, plot_curves};
 use serde_json::json;
 
@@ -97,6 +97,9 @@ impl<'a> Document<'a> {
         );
         if let Some(steps) = options.steps {
             text.push_str(&format!(", episodes of {steps} behaviour steps"));
+        }
+        if options.percepts == Percepts::Statistical {
+            text.push_str(", statistical perception");
         }
         for (behaviour, sha256) in &self.plan.policies {
             let short = &sha256[..sha256.len().min(12)];

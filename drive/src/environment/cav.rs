@@ -9,8 +9,6 @@ use covista_world::{
     LaneIndex, Road, StationId, VehicleDimensions,
 };
 
-use super::knowledge::Known;
-
 /// One CAV of a ring: what it knows, and its controller.
 pub(super) struct RingCav {
     pub station: StationId,
@@ -19,9 +17,7 @@ pub(super) struct RingCav {
     pub state: BicycleState,
     pub frenet: FrenetPose,
     pub sight: SightLine,
-    /// Whom it knows of, as of the newest frame.
-    pub known: Vec<Known>,
-    /// Those, as of now.
+    /// Whom it knows of, as of now.
     pub neighbours: Vec<Neighbour>,
     /// What it tells the others to be about, and since when in seconds.
     pub announced: (Action, f64),
@@ -48,7 +44,6 @@ impl RingCav {
             state: vehicle.state(road),
             frenet,
             sight: SightLine::new([f64::NEG_INFINITY; LANE_COUNT as usize], 0.0),
-            known: Vec::new(),
             neighbours: Vec::new(),
             announced: (Action::KeepLane, 0.0),
             options: Options {

@@ -65,6 +65,26 @@ fn the_same_seed_gives_the_same_episode_and_another_another() {
 }
 
 #[test]
+fn percepts_with_errors_are_the_same_for_a_seed_and_drive_another_episode_than_exact_ones() {
+    let with = |perception| {
+        let settings = RingEnvironmentSettings {
+            perception,
+            ..settings(6, 0.4, 10)
+        };
+        RingEnvironment::new(settings).expect("a ring")
+    };
+    let mut statistical = with(RingPerception::Statistical);
+    let episode = drive(&mut statistical, 3, true);
+    assert_ne!(episode, drive(&mut statistical, 4, true));
+    assert_eq!(episode, drive(&mut statistical, 3, true));
+    assert_eq!(
+        episode,
+        drive(&mut with(RingPerception::Statistical), 3, true)
+    );
+    assert_ne!(episode, drive(&mut with(RingPerception::Exact), 3, true));
+}
+
+#[test]
 fn safe_actions_leave_no_violation_that_nothing_explains() {
     for (density, sharing) in [(0.2, true), (0.5, true), (0.5, false), (0.8, true)] {
         let mut environment = RingEnvironment::new(RingEnvironmentSettings {
@@ -129,13 +149,16 @@ fn with_sharing_more_is_known_and_who_tells_is_known_by_name() {
 fn everybody_is_met_in_the_nearest_lap() {
     let mut environment = RingEnvironment::new(settings(12, 0.4, 100)).expect("a ring");
     drive(&mut environment, 1, true);
-    let period_m = environment.ring().road().period_m();
+    let ring = environment.ring();
+    let period_m = ring.road().period_m();
     let mut farther = 0;
     for cav in &environment.cavs {
-        for (known, neighbour) in cav.known.iter().zip(&cav.neighbours) {
+        for neighbour in &cav.neighbours {
             let away_m = neighbour.s_rear_m - cav.frenet.s_m;
             assert!(away_m.abs() < period_m / 2.0 + 10.0, "{away_m}");
-            farther += usize::from(known.farther_m != 0.0);
+            let vehicle = &ring.vehicles()[neighbour.id as usize - 1];
+            let driven_m = vehicle.frenet().s_m;
+            farther += usize::from((neighbour.s_rear_m - driven_m).abs() > period_m / 2.0);
         }
     }
     assert!(

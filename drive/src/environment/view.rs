@@ -2,6 +2,9 @@ use covista_control::SafetySettings;
 use covista_traffic::RingVehicle;
 use covista_world::{LANE_COUNT, LaneIndex, Road};
 
+/// How far before its middle a box begins to show.
+const HALF_BODY_M: f64 = 2.0;
+
 /// A body in road coordinates, as somebody on the road sees it: the corners of its box, counted
 /// along the road from the eye and across from the reference line.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -73,6 +76,11 @@ impl Shape {
         from < to
     }
 
+    /// The middle of the body.
+    pub fn middle(&self) -> [f64; 2] {
+        [0, 1].map(|axis| self.corners.iter().map(|corner| corner[axis]).sum::<f64>() / 4.0)
+    }
+
     fn is_in(&self, [right_m, left_m]: [f64; 2]) -> bool {
         self.d_range_m[0] < left_m && self.d_range_m[1] > right_m
     }
@@ -81,18 +89,48 @@ impl Shape {
 /// Whether body `index` is seen from `eye`: its middle or a corner, past all the others.
 pub(super) fn is_seen(eye: [f64; 2], bodies: &[Shape], index: usize) -> bool {
     let body = &bodies[index];
-    let middle =
-        [0, 1].map(|axis| body.corners.iter().map(|corner| corner[axis]).sum::<f64>() / 4.0);
-    body.corners.into_iter().chain([middle]).any(|point| {
-        let past = |(other, shape): (usize, &Shape)| other == index || !shape.hides(eye, point);
-        bodies.iter().enumerate().all(past)
-    })
+    let points = body.corners.into_iter().chain([body.middle()]);
+    points
+        .into_iter()
+        .any(|point| is_past(eye, bodies, index, point))
+}
+
+/// Share of the outline of body `index` that is seen from `eye` past all the others: of corners and
+/// middles of the sides, a little inside, as the sensors' truth has it.
+pub(super) fn visible_share(eye: [f64; 2], bodies: &[Shape], index: usize) -> f64 {
+    let (middle, corners) = (bodies[index].middle(), bodies[index].corners);
+    let inside =
+        |point: [f64; 2]| [0, 1].map(|axis| middle[axis] + 0.9 * (point[axis] - middle[axis]));
+    let sides = [0, 1, 2, 3].map(|side: usize| {
+        let (one, other) = (corners[side], corners[(side + 1) % 4]);
+        [0, 1].map(|axis| (one[axis] + other[axis]) / 2.0)
+    });
+    let outline = corners.into_iter().chain(sides).map(inside);
+    outline
+        .filter(|&point| is_past(eye, bodies, index, point))
+        .count() as f64
+        / 8.0
+}
+
+/// Whether a box about `point` begins to show from `eye`: whether no body stands before it.
+pub(super) fn is_open(eye: [f64; 2], bodies: &[Shape], point: [f64; 2]) -> bool {
+    let way = [point[0] - eye[0], point[1] - eye[1]];
+    let length_m = way[0].hypot(way[1]);
+    let share = (1.0 - HALF_BODY_M / length_m).max(0.0);
+    let shows = [0, 1].map(|axis| eye[axis] + share * way[axis]);
+    !bodies.iter().any(|body| body.hides(eye, shows))
+}
+
+/// Whether `point` of body `index` is seen past all the others.
+fn is_past(eye: [f64; 2], bodies: &[Shape], index: usize, point: [f64; 2]) -> bool {
+    let past = |(other, shape): (usize, &Shape)| other == index || !shape.hides(eye, point);
+    bodies.iter().enumerate().all(past)
 }
 
 /// Distances from the eye up to which a lane ahead is seen free.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct FreeLane {
-    /// But for what only vehicles in the lane itself hide.
+    /// But for what only known vehicles in the lane itself hide.
     pub clear_m: f64,
     /// At all.
     pub open_m: f64,
@@ -103,12 +141,14 @@ pub(super) struct FreeLane {
 /// How far each lane ahead is seen free from `eye`, past `bodies`.
 ///
 /// Behind a body the road is hidden between the lines from the eye through its outermost corners;
-/// a lane is free up to where the first of them meets one of its edges.
+/// a lane is free up to where the first of them meets one of its edges. What a body in the lane
+/// hides behind it counts as clear where `knows` says so of the lane and the body.
 pub(super) fn free_lanes(
     road: &Road,
     eye: [f64; 2],
     bodies: &[Shape],
     safety: &SafetySettings,
+    knows: impl Fn(LaneIndex, &Shape) -> bool,
 ) -> [FreeLane; LANE_COUNT as usize] {
     let mut lanes = [FreeLane {
         clear_m: safety.sight_range_m,
@@ -124,6 +164,9 @@ pub(super) fn free_lanes(
                 let begins_m = (body.s_range_m[0] - eye[0]).max(0.0);
                 if begins_m < free.open_m {
                     (free.open_m, free.is_blocked) = (begins_m, true);
+                }
+                if begins_m < free.clear_m && !knows(lane, body) {
+                    free.clear_m = begins_m;
                 }
             } else {
                 if shadow_m < free.open_m {
@@ -181,7 +224,8 @@ mod tests {
         )
         .expect("a road");
         let safety = SafetySettings::default();
-        let [left, middle, right] = free_lanes(&road, [0.0, 0.0], &[car(20.0, 0.0)], &safety);
+        let [left, middle, right] =
+            free_lanes(&road, [0.0, 0.0], &[car(20.0, 0.0)], &safety, |_, _| true);
         assert!(middle.is_blocked && (middle.open_m - 18.0).abs() < 1e-9);
         assert!((middle.clear_m - safety.sight_range_m).abs() < 1e-9);
         // Through the near corner at (18, 1), to the inner edge at 1.75 + 0.2.

@@ -2,7 +2,7 @@ use covista_control::{RoadProfile, SafetySettings};
 use covista_traffic::{Ring, RingVehicle};
 use serde::{Deserialize, Serialize};
 
-use super::{cav::RingCav, knowledge::Knowledge};
+use super::{cav::RingCav, perception::Knowledge, sights::Sights};
 use crate::{
     cause::Cause,
     monitor::{CavView, Monitor, PlacedTrack},
@@ -51,18 +51,18 @@ impl Watch {
     }
 
     /// A frame: who sees whom, and what everybody knows.
-    pub fn frame(&mut self, ring: &Ring, cavs: &[RingCav], knowledge: &Knowledge) {
+    pub fn frame(&mut self, ring: &Ring, cavs: usize, sights: &Sights, knowledge: &dyn Knowledge) {
         self.tracks.clear();
-        for (index, cav) in cavs.iter().enumerate() {
+        for index in 0..cavs {
             for (other, vehicle) in ring.vehicles().iter().enumerate() {
                 if other != index {
                     let viewer = ring.vehicles()[index].id;
-                    let visible = knowledge.sees(index, other);
+                    let visible = sights.sees(index, other);
                     self.monitor
                         .sight(viewer, vehicle.id, visible, ring.time_s());
                 }
             }
-            let tracks = knowledge.tracks(ring, index, &cav.known).into_iter();
+            let tracks = knowledge.tracks(ring, index).into_iter();
             let placed = tracks.map(|track| PlacedTrack::new(track, ring.road().road()));
             self.tracks.push(placed.collect());
         }

@@ -1,7 +1,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::Behaviour;
-use crate::{RingEnvironmentSettings, TrainingConfig};
+use crate::{RingEnvironmentSettings, RingPerception, TrainingConfig};
 
 /// One run of an experiment, with everything that its outcome depends on.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -30,7 +30,7 @@ pub struct LoopCase {
     pub keeps_headways: bool,
 }
 
-/// Where percepts come from in a scenario.
+/// Where the CAVs' percepts come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Percepts {
@@ -38,6 +38,16 @@ pub enum Percepts {
     Truth,
     /// With the networks' errors, as drawn from the fitted model.
     Statistical,
+}
+
+impl Percepts {
+    /// The same for CAVs on the three-lane loop.
+    pub(super) fn on_ring(self) -> RingPerception {
+        match self {
+            Self::Truth => RingPerception::Exact,
+            Self::Statistical => RingPerception::Statistical,
+        }
+    }
 }
 
 /// A run of a scenario.
@@ -118,8 +128,12 @@ impl Case {
         match self {
             Self::Loop(case) => {
                 let ring = &case.environment.ring;
+                let perception = match case.environment.perception {
+                    RingPerception::Exact => "",
+                    RingPerception::Statistical => "-statistical",
+                };
                 format!(
-                    "{}-cavs{:02}-rho{:.2}-seed{}",
+                    "{}-cavs{:02}-rho{:.2}-seed{}{perception}",
                     case.behaviour.name(),
                     ring.cavs,
                     ring.density,

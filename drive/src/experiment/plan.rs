@@ -8,7 +8,9 @@ use super::{
     Behaviour, Case, Experiment, ExperimentError, LoopCase, NetworkedGame, Percepts, Policies,
     SceneCase, Seeds, TrainingCase, TruncationCase, training_case, training_case::training_config,
 };
-use crate::{ControlMode, RingEnvironment, RingEnvironmentSettings, environment::BEHAVIOUR_S};
+use crate::{
+    ControlMode, RingEnvironment, RingEnvironmentSettings, RingPerception, environment::BEHAVIOUR_S,
+};
 
 /// Behaviour steps of an episode: the paper's 40,000 steps of 0.01 s.
 const STEPS: u64 = 800;
@@ -30,7 +32,7 @@ pub struct ExperimentOptions {
     pub seeds: Seeds,
     /// Behaviour steps of an episode, 0.5 s each; `None` for the experiment's own length.
     pub steps: Option<u64>,
-    /// Where percepts come from in a scenario.
+    /// Where the CAVs' percepts come from, in a scenario and on the loop.
     pub percepts: Percepts,
     /// Decisions of each learner of a training.
     pub decisions: u64,
@@ -142,6 +144,9 @@ impl Plan {
         environment.ring.vehicles = VEHICLES;
         environment.ring.cavs = if behaviour == Behaviour::Idm { 0 } else { cavs };
         environment.ring.density = density;
+        if behaviour != Behaviour::Idm {
+            environment.perception = self.options.percepts.on_ring();
+        }
         if !behaviour.is_filtered() {
             environment.control.mode = ControlMode::Off;
         }
@@ -276,6 +281,25 @@ mod tests {
             names.sort_unstable();
             names.dedup();
             assert_eq!(names.len(), count, "{experiment:?}");
+        }
+    }
+
+    #[test]
+    fn percepts_with_errors_are_named_and_of_no_concern_to_human_drivers() {
+        let exact = plan(Experiment::CavRatio);
+        let mut statistical = exact.clone();
+        statistical.options.percepts = Percepts::Statistical;
+        let pairs =
+            (exact.cases().expect("cases").into_iter()).zip(statistical.cases().expect("cases"));
+        for (exact, other) in pairs {
+            let Case::Loop(case) = &other else {
+                panic!("no loop: {other:?}");
+            };
+            let is_human = case.behaviour == Behaviour::Idm;
+            assert_eq!(exact == other, is_human);
+            assert_eq!(other.name().ends_with("-statistical"), !is_human);
+            let is_exact = case.environment.perception == RingPerception::Exact;
+            assert_eq!(is_exact, is_human);
         }
     }
 
