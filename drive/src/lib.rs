@@ -48,8 +48,8 @@ pub use covista_traffic::{
     time_ring,
 };
 pub use environment::{
-    RingEnvironment, RingEnvironmentError, RingEnvironmentSettings, RingSafety, RingTally,
-    time_closed_loop,
+    RingEnvironment, RingEnvironmentError, RingEnvironmentSettings, RingMotion, RingSafety,
+    RingTally, time_closed_loop,
 };
 pub use evaluate::{
     Bar, ClassEvaluation, CooperativeEvaluation, CooperativeRuns, DataOrigin, DetectorEvaluation,

@@ -18,18 +18,21 @@ pub enum Experiment {
     Headway,
     /// The reward of an episode over the training.
     EpisodeReward,
+    /// How smooth trajectories are, beside those of control inputs as actions.
+    ActionDesign,
     /// Standing vehicles behind a corner, with and without shared vision.
     ObstacleAtCorner,
 }
 
 impl Experiment {
     /// All of them, in the paper's order.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::CavRatio,
         Self::Density,
         Self::Safety,
         Self::Headway,
         Self::EpisodeReward,
+        Self::ActionDesign,
         Self::ObstacleAtCorner,
     ];
 
@@ -41,6 +44,7 @@ impl Experiment {
             Self::Safety => "safety",
             Self::Headway => "headway",
             Self::EpisodeReward => "episode-reward",
+            Self::ActionDesign => "action-design",
             Self::ObstacleAtCorner => "obstacle-at-corner",
         }
     }
@@ -58,6 +62,7 @@ impl Experiment {
             Self::Safety | Self::Headway | Self::EpisodeReward => {
                 &[Behaviour::Ours, Behaviour::Maddpg]
             }
+            Self::ActionDesign => &[Behaviour::Ours, Behaviour::EndToEnd],
             Self::ObstacleAtCorner => &[],
         }
     }

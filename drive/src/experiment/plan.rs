@@ -110,6 +110,12 @@ impl Plan {
                 all.flat_map(|&behaviour| self.loops(behaviour, CAVS, 0.6, HEADWAY_STEPS))
                     .collect()
             }
+            Experiment::ActionDesign => {
+                let all = behaviours.iter();
+                let density = RingSettings::default().density;
+                all.flat_map(|&behaviour| self.loops(behaviour, CAVS, density, STEPS))
+                    .collect()
+            }
             Experiment::EpisodeReward => self.trainings_made().map(Case::Training).collect(),
             Experiment::ObstacleAtCorner => self.scenes()?,
         })
@@ -129,7 +135,10 @@ impl Plan {
         let mut environment = RingEnvironmentSettings {
             steps: self.options.steps.unwrap_or(steps),
             ends_at_collision: false,
-            watched: self.experiment == Experiment::Safety,
+            watched: matches!(
+                self.experiment,
+                Experiment::Safety | Experiment::ActionDesign
+            ),
             ..RingEnvironmentSettings::default()
         };
         environment.reward.speed_weight = SPEED_WEIGHT;
@@ -148,6 +157,7 @@ impl Plan {
                 policy_sha256: policy_sha256.clone(),
                 environment,
                 keeps_headways: self.experiment == Experiment::Headway,
+                keeps_motion: self.experiment == Experiment::ActionDesign,
             })
         })
     }
@@ -232,7 +242,10 @@ mod tests {
 
     #[test]
     fn every_case_has_a_name_of_its_own() {
-        for (experiment, count) in Experiment::ALL.into_iter().zip([125, 135, 90, 10, 10, 10]) {
+        for (experiment, count) in Experiment::ALL
+            .into_iter()
+            .zip([125, 135, 90, 10, 10, 10, 10])
+        {
             let cases = plan(experiment).cases().expect("cases");
             let mut names: Vec<_> = cases.iter().map(Case::name).collect();
             assert_eq!(names.len(), count, "{experiment:?}");

@@ -31,18 +31,42 @@ pub fn training_config(algorithm: Algorithm, steps: Option<u64>, seed: u64) -> T
         training: TrainingSettings {
             algorithm,
             sharing: Sharing::Shared,
-            hyperparameters: Hyperparameters {
-                discount: 0.97,
-                reward_center: 18.0,
-                reward_scale: 0.2,
-                first_exploration: 0.3,
-                exploration_steps: 8,
-                exploration_decisions: 12_000,
-                entropy_weight: 0.3,
-                ..Hyperparameters::default()
+            hyperparameters: if algorithm.steers() {
+                steering()
+            } else {
+                behaving()
             },
             seed,
         },
+    }
+}
+
+/// Of those who choose behaviours.
+fn behaving() -> Hyperparameters {
+    Hyperparameters {
+        discount: 0.97,
+        reward_center: 18.0,
+        reward_scale: 0.2,
+        first_exploration: 0.3,
+        exploration_steps: 8,
+        exploration_decisions: 12_000,
+        entropy_weight: 0.3,
+        ..Hyperparameters::default()
+    }
+}
+
+/// Of those who choose control inputs, five times as often: a step earns a fifth, noise lasts for
+/// half a second.
+fn steering() -> Hyperparameters {
+    Hyperparameters {
+        discount: 0.99,
+        reward_center: 3.6,
+        reward_scale: 0.5,
+        first_exploration: 0.3,
+        exploration_steps: 5,
+        exploration_decisions: 20_000,
+        entropy_weight: 0.0,
+        ..Hyperparameters::default()
     }
 }
 
@@ -152,6 +176,7 @@ mod tests {
             Algorithm::SafeActorCritic,
             Algorithm::MaddpgMapped,
             Algorithm::Maddpg,
+            Algorithm::EndToEnd,
         ] {
             let name = Behaviour::of(algorithm).name();
             let read = TrainingConfig::load(&folder.join(format!("{name}.toml"))).expect("read");
