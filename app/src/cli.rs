@@ -78,7 +78,7 @@ impl FromStr for Shard {
 
 #[derive(Debug, Args)]
 pub struct ExperimentArgs {
-    /// cav-ratio, density, safety, headway, episode-reward or obstacle-at-corner
+    /// cav-ratio, density, safety, headway, episode-reward, action-design or obstacle-at-corner
     #[arg(value_name = "NAME")]
     pub name: Experiment,
     /// Folder of the cases, a file each, and of the results; what is there is not driven again

@@ -278,13 +278,8 @@ impl RingEnvironment {
         let driven = self.go_on(STEERING_STEPS, outcome)?;
         let road = self.ring.road().road();
         self.driven.clear();
-        self.driven.extend(self.cavs.iter().map(|cav| {
-            // Which side it is makes no difference to comfort.
-            match cav.straddles(road) {
-                true => Action::ChangeLeft,
-                false => Action::KeepLane,
-            }
-        }));
+        self.driven
+            .extend(self.cavs.iter().map(|cav| cav.steered(road)));
         self.reward(driven, outcome);
         if self.step.is_multiple_of(BEHAVIOUR_STEPS) || outcome.is_over {
             self.tally

@@ -145,11 +145,16 @@ impl RingCav {
         Ok(())
     }
 
-    /// Whether the body, as long as it heads along the road, reaches over the line of a lane.
-    pub fn straddles(&self, road: &Road) -> bool {
+    /// What steering amounts to now: who reaches over the line of a lane changes lanes. Which side
+    /// it is makes no difference to comfort.
+    pub fn steered(&self, road: &Road) -> Action {
         let (right_m, left_m) = road.lane_bounds_m(nearest_lane(road, self.frenet.d_m));
         let half_m = self.dimensions.width_m / 2.0;
-        self.frenet.d_m + half_m > left_m || self.frenet.d_m - half_m < right_m
+        if self.frenet.d_m + half_m > left_m || self.frenet.d_m - half_m < right_m {
+            Action::ChangeLeft
+        } else {
+            Action::KeepLane
+        }
     }
 
     /// Whether the rear axle's middle has left the road.
