@@ -48,7 +48,6 @@ mod validator;
 mod verdict;
 
 pub use barriers::affine::AffineBarrier;
-pub use barriers::bounds::tan_delta_limit;
 pub use controller::{ControlOutput, Controller};
 pub use distance::Closing;
 pub use lanes::LaneSet;

@@ -1,6 +1,6 @@
 use covista_control::{
     ControlSettings, Controller, EgoState, Manoeuvre, Neighbour, RoadProfile, SettingsError,
-    SightLine, Situation, tan_delta_limit,
+    SightLine, Situation,
 };
 use covista_planner::learning::{ActionSet, InputShares, Options};
 use covista_traffic::RingVehicle;
@@ -167,7 +167,11 @@ impl RingCav {
     fn input_of(&self, [steering, accel]: InputShares) -> ControlInput {
         let settings = self.controller.settings();
         let v = self.state.speed_mps;
-        let limit = tan_delta_limit(v, self.dimensions.wheelbase_m, &settings.safety);
+        let grip = settings.safety.lateral_accel_max_mps2 * self.dimensions.wheelbase_m;
+        let limit = settings
+            .safety
+            .tan_delta_max
+            .min(grip / v.powi(2).max(1e-9));
         let accel = f64::from(accel);
         let accel_mps2 = if accel > 0.0 {
             accel * settings.reference.accel_mps2

@@ -64,7 +64,7 @@ fn steering() -> Hyperparameters {
         reward_scale: 0.5,
         first_exploration: 0.3,
         exploration_steps: 5,
-        exploration_decisions: 20_000,
+        exploration_decisions: 12_000,
         entropy_weight: 0.0,
         ..Hyperparameters::default()
     }
