@@ -104,9 +104,9 @@ pub struct ExperimentArgs {
     /// Train the policies anew first, into --policies or DIR/policies
     #[arg(long)]
     pub retrain: bool,
-    /// Rounds of episodes of each training, for --retrain and episode-reward
-    #[arg(long, value_name = "N", default_value = "100")]
-    pub rounds: NonZeroU64,
+    /// Decisions of each learner of a training, for --retrain and episode-reward
+    #[arg(long, value_name = "N", default_value = "20000")]
+    pub decisions: NonZeroU64,
     /// Folder that `covista train` wrote, for episode-reward instead of a training of its own; may
     /// be repeated
     #[arg(long, value_name = "DIR")]
@@ -128,9 +128,10 @@ pub struct TrainArgs {
     /// Traffic, learners and their settings as TOML; without it, the defaults of docs/learning.md
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Episodes of each loop, those of a checkpoint included
-    #[arg(long, value_name = "N", default_value = "100")]
-    pub episodes: NonZeroU64,
+    /// Decisions of each learner, one at every behaviour step, those of a checkpoint included; the
+    /// episode in which they are reached is driven to its end
+    #[arg(long, value_name = "N", default_value = "20000")]
+    pub decisions: NonZeroU64,
     /// Go on from DIR/checkpoint.safetensors, where there is one
     #[arg(long)]
     pub resume: bool,

@@ -81,7 +81,7 @@ fn options(args: &ExperimentArgs) -> ExperimentOptions {
             PerceptArg::Truth => Percepts::Truth,
             PerceptArg::Statistical => Percepts::Statistical,
         },
-        rounds: args.rounds.get(),
+        decisions: args.decisions.get(),
     }
 }
 
@@ -105,8 +105,10 @@ fn retrain(behaviour: Behaviour, folder: &Path, options: &ExperimentOptions) -> 
         return Ok(());
     };
     let config = training_config(algorithm, options.steps, TRAINING_SEED);
-    let bar = bar(options.rounds, "rounds of training");
-    let trainer = train(&config, options.rounds, &mut |_| bar.inc(1))?;
+    let bar = bar(options.decisions, "decisions of the training");
+    let trainer = train(&config, options.decisions, &mut |trainer, _| {
+        bar.set_position(trainer.decisions());
+    })?;
     bar.finish_and_clear();
     Ok(trainer.save_policy(&policy_file(folder, behaviour))?)
 }

@@ -37,13 +37,15 @@ pub fn run(args: &TrainArgs) -> anyhow::Result<()> {
     } else {
         (config.start()?, Curve::default())
     };
-    let episodes = args.episodes.get();
-    let bar = ProgressBar::new(episodes).with_position(trainer.rounds());
-    if let Ok(style) = ProgressStyle::with_template("[{bar:30}] {pos}/{len} {msg}, {eta} left") {
+    let decisions = args.decisions.get();
+    let bar = ProgressBar::new(decisions).with_position(trainer.decisions());
+    if let Ok(style) =
+        ProgressStyle::with_template("[{bar:30}] {pos}/{len} decisions, {msg}, {eta} left")
+    {
         bar.set_style(style.progress_chars("=> "));
     }
     bar.tick();
-    while trainer.rounds() < episodes {
+    while trainer.decisions() < decisions {
         let start = Instant::now();
         let report = match trainer.train_round() {
             Ok(report) => report,
@@ -63,8 +65,8 @@ pub fn run(args: &TrainArgs) -> anyhow::Result<()> {
             row.unsafe_actions
         ));
         curve.push(row);
-        bar.set_position(trainer.rounds());
-        if trainer.rounds() % CHECKPOINT_ROUNDS == 0 || trainer.rounds() == episodes {
+        bar.set_position(trainer.decisions());
+        if trainer.rounds() % CHECKPOINT_ROUNDS == 0 || trainer.decisions() >= decisions {
             keep(&trainer, &config, args, &curve)?;
         }
     }
@@ -98,6 +100,7 @@ fn keep(
     settings["command"] = "train".into();
     settings["version"] = env!("CARGO_PKG_VERSION").into();
     settings["rounds"] = trainer.rounds().into();
+    settings["decisions"] = args.decisions.get().into();
     write_json(&args.out.join("settings.json"), &settings)
 }
 

@@ -77,6 +77,8 @@ impl Memory {
     pub fn update(&mut self, neighbours: &[Neighbour], rows: &[Row]) {
         self.known.clear();
         self.excused.clear();
+        let is_any_excused = rows.iter().any(|row| row.excuse.is_some());
+        let rows = if is_any_excused { rows } else { &[] };
         for neighbour in neighbours {
             let excuse = rows
                 .iter()

@@ -441,6 +441,10 @@ impl Environment for RingEnvironment {
         }
     }
 
+    fn settings(&self) -> serde_json::Value {
+        serde_json::to_value(self.settings).unwrap_or_default()
+    }
+
     fn reset(&mut self, seed: u64, situations: &mut Situations) -> Result<(), EnvironmentError> {
         self.start(seed)
             .and_then(|()| self.observe(situations))

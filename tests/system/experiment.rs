@@ -28,7 +28,7 @@ fn train(algorithm: &str, out: &Path, environment: &str) {
     );
     fs::write(&config, text).expect("written");
     let output = covista()
-        .args(["train", "--episodes", "2", "--config"])
+        .args(["train", "--decisions", "8", "--config"])
         .arg(&config)
         .arg("--out")
         .arg(out)
@@ -395,7 +395,7 @@ fn learning_curves_are_read_or_made() {
         &["settings.json", "covista train"],
     );
 
-    let made = ["--seeds", "1", "--rounds", "2", "--episode", "2"];
+    let made = ["--seeds", "1", "--decisions", "6", "--episode", "2"];
     run(&mut experiment("episode-reward", out.path(), &made));
     let case = json(&out.path().join("episode-reward/maddpg-seed9000.json"));
     let rewards = case["figures"]["training"]["reward"]
@@ -413,7 +413,7 @@ fn policies_are_trained_anew_on_request() {
         "--episode",
         "2",
         "--retrain",
-        "--rounds",
+        "--decisions",
         "1",
     ];
     run(&mut experiment("headway", out.path(), &options));

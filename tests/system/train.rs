@@ -45,7 +45,7 @@ fn trained(config: &str, folder: &Path, more: &[&str]) -> String {
 fn a_training_writes_its_curve_and_goes_on_where_it_ended() {
     let folder = tempfile::tempdir().expect("a folder");
     let run = folder.path().join("run");
-    let said = trained(TINY, folder.path(), &["--episodes", "2"]);
+    let said = trained(TINY, folder.path(), &["--decisions", "18"]);
     assert!(
         said.contains("trained 2 rounds") && said.contains("0 unsafe actions"),
         "{said}"
@@ -65,7 +65,7 @@ fn a_training_writes_its_curve_and_goes_on_where_it_ended() {
         assert!(run.join(file).is_file(), "{file}");
     }
 
-    trained(TINY, folder.path(), &["--resume", "--episodes", "3"]);
+    trained(TINY, folder.path(), &["--resume", "--decisions", "19"]);
     let longer = fs::read_to_string(run.join("curve.csv")).expect("a curve");
     assert!(
         longer.starts_with(&curve) && longer.lines().count() == 4,
@@ -76,7 +76,7 @@ fn a_training_writes_its_curve_and_goes_on_where_it_ended() {
 #[test]
 fn other_settings_and_a_damaged_checkpoint_are_told() {
     let folder = tempfile::tempdir().expect("a folder");
-    trained(TINY, folder.path(), &["--episodes", "1"]);
+    trained(TINY, folder.path(), &["--decisions", "1"]);
     let other = TINY.replace("neighbours = 3", "neighbours = 4");
     let mut goes_on = train(&other, folder.path(), &["--resume"]);
     assert_one_line_error(&mut goes_on, &["settings.json", "another environment"]);

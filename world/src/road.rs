@@ -9,6 +9,8 @@ mod tests;
 use milestones::Milestones;
 
 const NODE_SPACING_M: f64 = 0.5;
+/// Every so many metres it is noted which segment is there.
+const NOTE_SPACING_M: f64 = 16.0;
 /// Every so many nodes there is a milestone, for the coarse search.
 const MILESTONE_NODES: usize = 8;
 
@@ -137,6 +139,12 @@ impl Stretch {
     }
 }
 
+/// The last of `stretches` that does not begin beyond `s_m`, or the first.
+fn last_before(stretches: &[Stretch], s_m: f64) -> usize {
+    let after = stretches.partition_point(|known| known.from_m <= s_m);
+    after.saturating_sub(1)
+}
+
 /// A point of the reference line without its angle.
 struct Reference {
     position: Vector2<f64>,
@@ -152,6 +160,8 @@ pub struct Road {
     nodes: Vec<Node>,
     milestones: Milestones,
     stretches: Vec<Stretch>,
+    /// The segment at each multiple of [`NOTE_SPACING_M`].
+    notes: Vec<u32>,
     length_m: f64,
     lane_width_m: f64,
     sharpest_per_m: f64,
@@ -214,6 +224,9 @@ impl Road {
             }
         }
         let length_m = nodes.last().map_or(0.0, |node| node.s_m);
+        let notes = (0..=(length_m / NOTE_SPACING_M) as usize)
+            .map(|note| last_before(&stretches, note as f64 * NOTE_SPACING_M) as u32)
+            .collect();
         let sharpest_per_m = segments
             .iter()
             .map(|segment| segment.curvatures())
@@ -230,6 +243,7 @@ impl Road {
             nodes,
             milestones,
             stretches,
+            notes,
             length_m,
             lane_width_m,
             sharpest_per_m,
@@ -350,8 +364,17 @@ impl Road {
 
     /// The segment at `s_m`, or the nearer of the first and the last.
     fn stretch_at(&self, s_m: f64) -> &Stretch {
-        let after = self.stretches.partition_point(|known| known.from_m <= s_m);
-        &self.stretches[after.saturating_sub(1)]
+        &self.stretches[self.stretch_index(s_m)]
+    }
+
+    fn stretch_index(&self, s_m: f64) -> usize {
+        // A cast of a float saturates.
+        let note = ((s_m / NOTE_SPACING_M) as usize).min(self.notes.len() - 1);
+        let mut index = self.notes[note] as usize;
+        while index + 1 < self.stretches.len() && self.stretches[index + 1].from_m <= s_m {
+            index += 1;
+        }
+        index
     }
 
     /// Curvature of the reference line at `s_m` in 1/m, positive to the left.
@@ -382,9 +405,11 @@ impl Road {
         } else {
             (f64::INFINITY, f64::NEG_INFINITY)
         };
-        let first = self.stretches.partition_point(|known| known.to_m < from_m);
+        // The segment before may end at `from_m`.
+        let first = self.stretch_index(from_m).saturating_sub(1);
         self.stretches[first..]
             .iter()
+            .skip_while(|stretch| stretch.to_m < from_m)
             .take_while(|stretch| stretch.from_m <= to_m)
             .fold(beyond, |(least, most), stretch| {
                 let from = stretch.curvature(from_m.max(stretch.from_m));

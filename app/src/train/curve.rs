@@ -122,7 +122,11 @@ impl Curve {
             .with_context(|| format!("cannot read {place}; leave out --resume to begin anew"))?;
         let rows = text.lines().skip(1).take(rounds as usize).map(|line| {
             let (round, values) = line.split_once(',')?;
-            let values: Option<Vec<f64>> = values.split(',').map(|v| v.parse().ok()).collect();
+            let number = |cell: &str| match cell {
+                "" => Some(f64::NAN),
+                cell => cell.parse().ok(),
+            };
+            let values: Option<Vec<f64>> = values.split(',').map(number).collect();
             let is_whole = |values: &Vec<f64>| values.len() == COLUMNS.len();
             Some((round.parse().ok()?, values.filter(is_whole)?))
         });
@@ -138,7 +142,11 @@ impl Curve {
     pub fn save(&self, folder: &Path) -> anyhow::Result<()> {
         let mut text = format!("round,{}\n", COLUMNS.join(","));
         for (round, values) in &self.rows {
-            let values: Vec<String> = values.iter().map(f64::to_string).collect();
+            let cell = |value: &f64| match value {
+                value if value.is_nan() => String::new(),
+                value => value.to_string(),
+            };
+            let values: Vec<String> = values.iter().map(cell).collect();
             text.push_str(&format!("{round},{}\n", values.join(",")));
         }
         write_whole(&folder.join(FILE), text.as_bytes())?;

@@ -381,7 +381,7 @@ impl<'a> Episode<'a> {
             *since = lane.map(|_| since.unwrap_or(step));
             let merging = lane.zip(*since).map(|(lane, since)| Merging {
                 since_s: time_s(step - since),
-                gap_m: set.arc_m(lane, truth.s_range_m[1], ego.s_range_m[0]),
+                gap_m: set.gap_behind_m(ego, lane, truth.s_range_m[1]),
                 ego_stop_m: set.shortest_stop_m(ego.speed_mps),
                 keep_m: set.keep_m(ego, truth.dimensions.length_m),
             });

@@ -138,10 +138,27 @@ impl SafeSet<'_> {
         (to_m - from_m) - self.road.lane_center_m(lane) * turn_rad
     }
 
+    /// From the front of a follower in `lane`, at road s `front_m`, to the circle round the rear
+    /// axle that holds the rear of `ego`: a bumper swings back when the vehicle turns, the circle
+    /// does not.
+    pub fn gap_behind_m(&self, ego: &TrueVehicle, lane: LaneIndex, front_m: f64) -> f64 {
+        let dimensions = ego.dimensions;
+        let reach_m = dimensions.rear_overhang_m.hypot(dimensions.width_m / 2.0);
+        self.arc_m(lane, front_m, ego.frenet.s_m) - self.c_max(1.0) * reach_m
+    }
+
+    /// The way that a follower stops in: one step's speed less in each step.
+    pub fn follower_stop_m(&self, speed_mps: f64) -> f64 {
+        let brake_mps2 = self.settings.follower_brake_mps2;
+        speed_mps.powi(2) / (2.0 * brake_mps2) + 0.5 * speed_mps * STEP_S
+    }
+
     /// The shortest way that the ego vehicle stops in, with all its noise.
     pub fn shortest_stop_m(&self, speed_mps: f64) -> f64 {
-        let brake_mps2 = self.settings.brake_mps2 + self.settings.noise_speed_mps / STEP_S;
-        speed_mps.powi(2) / (2.0 * brake_mps2)
+        let settings = self.settings;
+        let brake_mps2 = settings.brake_mps2 + settings.noise_speed_mps / STEP_S;
+        let steps = speed_mps / (settings.brake_mps2 * STEP_S);
+        (speed_mps.powi(2) / (2.0 * brake_mps2) - steps * settings.noise_position_m).max(0.0)
     }
 
     /// D(v, v_k) under the set's settings.

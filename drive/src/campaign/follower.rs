@@ -6,8 +6,8 @@ use super::{
     tally::Tally,
 };
 
-/// What discrete steps of the follower's own braking may take from its gap.
-const TOLERANCE_M: f64 = 0.05;
+/// Round-off.
+const TOLERANCE_M: f64 = 1e-6;
 
 /// A follower in the lane that the ego vehicle enters, from step to step.
 #[derive(Debug, Clone, Copy, Default)]
@@ -39,8 +39,8 @@ impl Behind {
         let since = *self.changing_since.get_or_insert(scene.step);
         let reaction = (settings.reaction_human_s / STEP_S).ceil() as usize;
         let has_reacted = scene.step > since + reaction;
-        let gap_m = (scene.set).arc_m(to, seen.truth.s_range_m[1], ego.s_range_m[0]);
-        let own_m = seen.speed_mps.powi(2) / (2.0 * settings.follower_brake_mps2);
+        let gap_m = (scene.set).gap_behind_m(ego, to, seen.truth.s_range_m[1]);
+        let own_m = scene.set.follower_stop_m(seen.speed_mps);
         let ego_m = scene.set.shortest_stop_m(ego.speed_mps);
         let closed_m = if has_reacted {
             (own_m - ego_m).max(0.0)

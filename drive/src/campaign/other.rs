@@ -88,7 +88,7 @@ pub(super) struct Other {
 pub(super) struct Merging {
     /// Since the lane change began, in seconds.
     pub since_s: f64,
-    /// Bumper gap to the ego vehicle.
+    /// Gap to where the ego vehicle's rear may swing.
     pub gap_m: f64,
     /// What the ego vehicle drives when it brakes as hard as it can.
     pub ego_stop_m: f64,

@@ -98,6 +98,22 @@ fn an_episode_that_is_looked_at_is_the_one_of_the_campaign() {
     );
 }
 
+/// Followers at the edge of what they keep: behind a vehicle that turns as it brakes, and behind
+/// one whose noise shortens the way that it stops in.
+#[test]
+fn a_follower_that_stops_keeps_its_distance() {
+    for (seed, number) in [(1, 1099), (0, 930)] {
+        let spec = CampaignSpec {
+            seed,
+            ..spec(0, None)
+        };
+        let family = Family::LaneChange;
+        let (tally, _) = look_at_episode(&spec, EpisodeId { family, number }).expect("an episode");
+        assert_eq!(tally.rear_gap_breaches, 0, "{tally:?}");
+        assert!(tally.smallest_rear_room_m < 0.01, "{tally:?}");
+    }
+}
+
 #[test]
 fn a_plant_with_a_lag_breaks_the_headway_of_the_model() {
     let lag = PlantModel::Lag {

@@ -61,8 +61,22 @@ pub struct SceneCase {
 pub struct TrainingCase {
     /// What is trained, where and how, with its seed.
     pub config: TrainingConfig,
-    /// Rounds of episodes.
-    pub rounds: u64,
+    /// Decisions of each learner; the round in which they are reached is finished.
+    pub decisions: u64,
+}
+
+impl TrainingCase {
+    /// Whether both differ only in who learns, with which filter and seed, and in who looks on.
+    pub(super) fn is_comparable(&self, other: &Self) -> bool {
+        let mut like = self.clone();
+        let (to, from) = (&mut like.config, &other.config);
+        to.training.algorithm = from.training.algorithm;
+        to.training.seed = from.training.seed;
+        to.environment.ring.seed = from.environment.ring.seed;
+        to.environment.control.mode = from.environment.control.mode;
+        to.environment.watched = from.environment.watched;
+        like == *other
+    }
 }
 
 impl Case {

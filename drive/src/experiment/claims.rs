@@ -203,8 +203,9 @@ fn episode_reward(rows: &[Row]) -> Vec<Claim> {
     };
     let mean = |algorithm| of(algorithm, "largest_reward").map_or(f64::NAN, |spread| spread.mean);
     let [ours, theirs] = ["ours", "maddpg"].map(mean);
-    let unsafe_actions = of("ours", "unsafe_actions_training");
-    let unsafe_actions = unsafe_actions.map_or(f64::NAN, |spread| spread.most);
+    let most = |name| of("ours", name).map_or(f64::NAN, |spread| spread.most);
+    let unsafe_actions = most("unsafe_actions_training");
+    let unattributed = most("violations_unattributed_training");
     vec![
         claim(
             "ours reaches the larger reward",
@@ -215,6 +216,11 @@ fn episode_reward(rows: &[Row]) -> Vec<Claim> {
             "ours takes no unsafe action in training",
             format!("{unsafe_actions} at the most"),
             unsafe_actions < 0.5,
+        ),
+        claim(
+            "ours has no violation without a broken assumption in training",
+            format!("{unattributed} at the most"),
+            unattributed < 0.5,
         ),
     ]
 }

@@ -145,4 +145,6 @@ pub struct LearningCurve {
     pub reward: Vec<f64>,
     /// Unsafe actions of all CAVs.
     pub unsafe_actions: Vec<u64>,
+    /// Violations that no broken assumption explains, where the monitor looked on.
+    pub unattributed: Vec<Option<usize>>,
 }

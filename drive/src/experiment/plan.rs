@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Behaviour, Case, Experiment, ExperimentError, LoopCase, Percepts, Policies, SceneCase, Seeds,
-    TrainingCase, training_case::SPEED_WEIGHT, training_config,
+    TrainingCase, training_case, training_config,
 };
 use crate::{ControlMode, RingEnvironment, RingEnvironmentSettings, environment::BEHAVIOUR_S};
 
@@ -28,8 +28,8 @@ pub struct ExperimentOptions {
     pub steps: Option<u64>,
     /// Where percepts come from in a scenario.
     pub percepts: Percepts,
-    /// Rounds of a training.
-    pub rounds: u64,
+    /// Decisions of each learner of a training.
+    pub decisions: u64,
 }
 
 /// An experiment with everything that its outcome depends on.
@@ -139,9 +139,9 @@ impl Plan {
                 self.experiment,
                 Experiment::Safety | Experiment::ActionDesign
             ),
+            reward: training_case::reward(),
             ..RingEnvironmentSettings::default()
         };
-        environment.reward.speed_weight = SPEED_WEIGHT;
         environment.ring.vehicles = VEHICLES;
         environment.ring.cavs = if behaviour == Behaviour::Idm { 0 } else { cavs };
         environment.ring.density = density;
@@ -191,12 +191,12 @@ impl Plan {
         Box::new(algorithms.flat_map(move |algorithm| {
             self.seeds().map(move |seed| TrainingCase {
                 config: training_config(algorithm, self.options.steps, seed),
-                rounds: self.options.rounds,
+                decisions: self.options.decisions,
             })
         }))
     }
 
-    /// Both algorithms must be there, and no training twice.
+    /// Both algorithms must be there, learning the same from as much, and no training twice.
     fn check_trainings(&self, cases: &[Case]) -> Result<(), ExperimentError> {
         let mut names: Vec<String> = cases.iter().map(Case::name).collect();
         for behaviour in self.experiment.behaviours() {
@@ -209,6 +209,17 @@ impl Plan {
                     "there is no training of {name} among those given; give one of ours and one of maddpg with --trained"
                 )));
             }
+        }
+        if let Some((one, other)) = self
+            .trainings
+            .iter()
+            .zip(self.trainings.iter().skip(1))
+            .find(|(one, other)| !one.is_comparable(other))
+        {
+            let [one, other] = [one, other].map(|case| Case::Training(case.clone()).name());
+            return Err(ExperimentError::Trainings(format!(
+                "{one} and {other} had other traffic, rewards, networks or numbers of decisions; give trainings that differ in algorithm, filter and seed only with --trained"
+            )));
         }
         names.sort_unstable();
         match names.windows(2).find(|pair| pair[0] == pair[1]) {
@@ -235,7 +246,7 @@ mod tests {
             seeds: Seeds::default(),
             steps: None,
             percepts: Percepts::Truth,
-            rounds: 100,
+            decisions: 20_000,
         };
         Plan::new(experiment, options, &Policies::default(), Vec::new()).expect("a plan")
     }

@@ -1,5 +1,6 @@
 use std::path::Path;
 
+use covista_planner::Reward;
 use covista_planner::learning::{
     Algorithm, Hyperparameters, RoundReport, Sharing, Trainer, TrainingSettings,
 };
@@ -9,19 +10,26 @@ use serde_json::Value;
 use super::{Behaviour, ExperimentError, LearningCurve, TrainingCase};
 use crate::{ControlMode, RingEnvironment, RingEnvironmentSettings, TrainingConfig};
 
-/// omega of the reward that policies are trained with: a lane change must pay before it is over.
-pub(super) const SPEED_WEIGHT: f64 = 1.0;
+/// The reward that policies are trained with: a lane change must pay before it is over, and no speed
+/// makes up for an emergency stop.
+pub(super) fn reward() -> Reward {
+    Reward {
+        speed_weight: 1.0,
+        emergency_stop_penalty: 30.0,
+        ..Reward::default()
+    }
+}
 
 /// How `algorithm` is trained where nothing else is said: as the shipped policies were, with
-/// episodes of `steps` behaviour steps if that is given. Only who learns what differs, and that
-/// MADDPG has no safety filter.
+/// episodes of `steps` behaviour steps if that is given. Only who learns what differs, that MADDPG
+/// has no safety filter, and that the monitor looks on where a promise is to be kept.
 pub fn training_config(algorithm: Algorithm, steps: Option<u64>, seed: u64) -> TrainingConfig {
     let mut environment = RingEnvironmentSettings {
-        watched: false,
+        watched: algorithm == Algorithm::SafeActorCritic,
+        reward: reward(),
         ..RingEnvironmentSettings::default()
     };
     environment.steps = steps.unwrap_or(environment.steps);
-    environment.reward.speed_weight = SPEED_WEIGHT;
     if !Behaviour::of(algorithm).is_filtered() {
         environment.control.mode = ControlMode::Off;
     }
@@ -70,30 +78,35 @@ fn steering() -> Hyperparameters {
     }
 }
 
-/// Trains anew for so many rounds and tells of each.
+/// Trains anew in whole rounds until every learner has made so many decisions, and tells of each
+/// round.
 ///
 /// # Errors
 /// When a setting makes no sense or a network diverges.
 pub fn train(
     config: &TrainingConfig,
-    rounds: u64,
-    each: &mut dyn FnMut(&RoundReport),
+    decisions: u64,
+    each: &mut dyn FnMut(&Trainer<RingEnvironment>, &RoundReport),
 ) -> Result<Trainer<RingEnvironment>, ExperimentError> {
     let mut trainer = config.start()?;
-    for _ in 0..rounds {
-        each(&trainer.train_round()?);
+    while trainer.decisions() < decisions {
+        let report = trainer.train_round()?;
+        each(&trainer, &report);
     }
     Ok(trainer)
 }
 
 pub(super) fn drive(case: &TrainingCase) -> Result<LearningCurve, ExperimentError> {
     let mut curve = LearningCurve::default();
-    train(&case.config, case.rounds, &mut |report| {
+    train(&case.config, case.decisions, &mut |trainer, report| {
         let episodes = &report.episodes;
         let reward: f64 = episodes.iter().map(|episode| episode.reward).sum();
         curve.reward.push(reward / episodes.len().max(1) as f64);
         let unsafe_actions = episodes.iter().map(|episode| episode.unsafe_actions);
         curve.unsafe_actions.push(unsafe_actions.sum());
+        let loops = trainer.environments().iter();
+        let unattributed = loops.map(|of| Some(of.safety()?.violations_unattributed));
+        curve.unattributed.push(unattributed.sum());
     })?;
     Ok(curve)
 }
@@ -116,6 +129,7 @@ pub fn read_training(folder: &Path) -> Result<(TrainingCase, LearningCurve), Exp
     let settings: Value = serde_json::from_str(&text(&settings_file)?)
         .map_err(|error| in_settings(format!("is no JSON ({error})")))?;
     let rounds: u64 = field(&settings, "rounds").map_err(in_settings)?;
+    let decisions: u64 = field(&settings, "decisions").map_err(in_settings)?;
     let config = TrainingConfig {
         environments: field(&settings, "environments").map_err(in_settings)?,
         environment: field(&settings, "environment").map_err(in_settings)?,
@@ -124,7 +138,7 @@ pub fn read_training(folder: &Path) -> Result<(TrainingCase, LearningCurve), Exp
     let curve_file = folder.join("curve.csv");
     let curve =
         parse_curve(&text(&curve_file)?, rounds).map_err(|problem| wrong(&curve_file, problem))?;
-    Ok((TrainingCase { config, rounds }, curve))
+    Ok((TrainingCase { config, decisions }, curve))
 }
 
 fn field<T: DeserializeOwned>(settings: &Value, name: &str) -> Result<T, String> {
@@ -143,6 +157,7 @@ fn parse_curve(text: &str, rounds: u64) -> Result<LearningCurve, String> {
         place.ok_or_else(|| format!("has no column {name}"))
     };
     let (rewards, unsafe_actions) = (column("reward")?, column("unsafe_actions")?);
+    let unattributed = column("violations_unattributed")?;
     let mut curve = LearningCurve::default();
     for (number, line) in lines.enumerate() {
         let cells: Vec<&str> = line.split(',').collect();
@@ -157,6 +172,8 @@ fn parse_curve(text: &str, rounds: u64) -> Result<LearningCurve, String> {
         };
         curve.reward.push(reward);
         curve.unsafe_actions.push(counted);
+        let seen = cells.get(unattributed).and_then(|cell| cell.parse().ok());
+        curve.unattributed.push(seen);
     }
     if curve.reward.len() as u64 != rounds {
         let found = curve.reward.len();
@@ -186,18 +203,19 @@ mod tests {
 
     #[test]
     fn a_learning_curve_is_read_by_the_names_of_its_columns() {
-        let text = "round,unsafe_actions,reward\n1,7,-2.5\n2,0,31.25\n";
+        let text = "violations_unattributed,unsafe_actions,reward\n,7,-2.5\n3,0,31.25\n";
         let curve = parse_curve(text, 2).expect("a curve");
         assert_eq!(
-            (curve.reward, curve.unsafe_actions),
-            (vec![-2.5, 31.25], vec![7, 0])
+            (curve.reward, curve.unsafe_actions, curve.unattributed),
+            (vec![-2.5, 31.25], vec![7, 0], vec![None, Some(3)])
         );
+        let header = "reward,unsafe_actions,violations_unattributed";
         for (bad, rounds, part) in [
             ("round,reward\n1,2\n", 1, "unsafe_actions"),
-            ("reward,unsafe_actions\n1,2\nNaN,3\n", 2, "line 3"),
-            ("reward,unsafe_actions\n1\n", 1, "line 2"),
+            (&format!("{header}\n1,2,0\nNaN,3,0\n"), 2, "line 3"),
+            (&format!("{header}\n1\n"), 1, "line 2"),
             (
-                "reward,unsafe_actions\n1,2\n",
+                &format!("{header}\n1,2,0\n"),
                 4,
                 "1 rounds, settings.json says 4",
             ),

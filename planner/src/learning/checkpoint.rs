@@ -23,6 +23,9 @@ pub struct CheckpointHeader {
     pub shape: Shape,
     /// What was trained, with its seed.
     pub settings: TrainingSettings,
+    /// What the environments were set up with.
+    #[serde(default)]
+    pub environment: serde_json::Value,
     /// Rounds of episodes trained.
     pub rounds: u64,
     /// Of each learner.
@@ -43,6 +46,7 @@ impl CheckpointHeader {
     pub(super) fn new(
         shape: Shape,
         settings: TrainingSettings,
+        environment: serde_json::Value,
         rounds: u64,
         learners: Vec<Counts>,
     ) -> Self {
@@ -50,6 +54,7 @@ impl CheckpointHeader {
             version: VERSION,
             shape,
             settings,
+            environment,
             rounds,
             learners,
         }

@@ -99,6 +99,11 @@ pub trait Environment: Send {
     /// Its sizes.
     fn shape(&self) -> Shape;
 
+    /// What it was set up with, for the metadata of what is learnt in it.
+    fn settings(&self) -> serde_json::Value {
+        serde_json::Value::Null
+    }
+
     /// Starts the episode of this seed and tells each agent's first situation.
     ///
     /// # Errors

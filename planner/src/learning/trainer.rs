@@ -190,7 +190,14 @@ impl<E: Environment> Trainer<E> {
             decisions: seat.learner.decisions,
         };
         let learners = self.seats.iter().map(counts).collect();
-        CheckpointHeader::new(self.shape, self.settings, self.rounds, learners)
+        let environment = self.environments[0].settings();
+        CheckpointHeader::new(
+            self.shape,
+            self.settings,
+            environment,
+            self.rounds,
+            learners,
+        )
     }
 
     /// What is trained and how.
@@ -206,6 +213,11 @@ impl<E: Environment> Trainer<E> {
     /// Rounds trained so far.
     pub fn rounds(&self) -> u64 {
         self.rounds
+    }
+
+    /// Decisions that each learner has made while learning: one at every behaviour step.
+    pub fn decisions(&self) -> u64 {
+        self.seats[0].learner.decisions
     }
 
     /// Bytes taken by the replay buffers, and those of one transition.

@@ -153,7 +153,9 @@ impl RingVehicle {
             Mover::Cav(state) => {
                 *state = bicycle_step(*state, input, wheelbase_m);
                 self.speed_mps = state.speed_mps;
-                let hint_m = self.lap_from_m + self.place.s_m;
+                let stretch = 1.0 - self.place.curvature_per_m * self.place.d_m;
+                let along_m = before_mps * STEP_S * self.place.psi_rad.cos() / stretch;
+                let hint_m = self.lap_from_m + self.place.s_m + along_m;
                 self.place = road.road().to_frenet_pose_near(state.pose, hint_m);
                 self.place.s_m -= self.lap_from_m;
             }

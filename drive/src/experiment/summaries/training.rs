@@ -33,6 +33,10 @@ pub(super) fn episode_reward(driven: &[(Case, Figures)]) -> Results {
         };
         let all_unsafe =
             |curve: &LearningCurve| Some(curve.unsafe_actions.iter().sum::<u64>() as f64);
+        let all_unattributed = |curve: &LearningCurve| {
+            let seen: Option<usize> = curve.unattributed.iter().copied().sum();
+            Some(seen? as f64)
+        };
         rows.push(Row {
             keys: vec![algorithm(behaviour)],
             seeds: curves.len(),
@@ -59,6 +63,16 @@ pub(super) fn episode_reward(driven: &[(Case, Figures)]) -> Results {
                     ("unsafe_actions_training", "unsafe actions in training", 0),
                     &curves,
                     all_unsafe,
+                    None,
+                ),
+                quantity(
+                    (
+                        "violations_unattributed_training",
+                        "violations without a cause in training",
+                        0,
+                    ),
+                    &curves,
+                    all_unattributed,
                     None,
                 ),
             ],
