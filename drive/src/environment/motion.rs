@@ -39,6 +39,8 @@ pub struct RingMotion {
     /// Way along the road and offset d in metres of the CAV whose way to the side is the median, on
     /// its first kilometre.
     pub trace: Vec<[f64; 2]>,
+    /// Offsets of the lines between the lanes and of the road's edges in metres.
+    pub lane_lines_m: Vec<f64>,
 }
 
 /// Watches how smoothly CAVs drive.
@@ -134,6 +136,7 @@ impl Motion {
             trace: median
                 .map(|course| course.trace.clone())
                 .unwrap_or_default(),
+            lane_lines_m: lane_lines_m(road),
         }
     }
 }
@@ -214,6 +217,12 @@ impl Reversals {
             (self.side, self.extreme_rad) = (turned.signum(), rad);
         }
     }
+}
+
+fn lane_lines_m(road: &Road) -> Vec<f64> {
+    let (_, left_m) = road.lane_bounds_m(LaneIndex::LEFTMOST);
+    let right = LaneIndex::all().map(|lane| road.lane_bounds_m(lane).0);
+    std::iter::once(left_m).chain(right).collect()
 }
 
 fn lane_width_m(road: &Road) -> f64 {

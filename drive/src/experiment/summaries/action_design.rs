@@ -98,17 +98,9 @@ pub(super) fn action_design(loops: &Loops<'_>) -> Results {
                 ),
             ],
         });
-        let trace = first.motion.as_ref().map(|motion| &motion.trace);
-        let points = trace
-            .into_iter()
-            .flatten()
-            .map(|&[s_m, d_m]| [s_m, d_m, 0.0]);
-        traces.push(Diagram {
-            title: format!("Offset of one CAV, {}", behaviour.name()),
-            x: "way in m".to_owned(),
-            y: "offset to the left in m".to_owned(),
-            lines: vec![line(behaviour.name(), points.collect())],
-        });
+        if let Some(motion) = &first.motion {
+            traces.push(trace(behaviour.name(), motion));
+        }
     }
     Results {
         diagrams: traces,
@@ -119,5 +111,23 @@ pub(super) fn action_design(loops: &Loops<'_>) -> Results {
         ],
         rows,
         claims: Vec::new(),
+    }
+}
+
+/// The offset of one CAV among the lines of the lanes, which give all panels the same scale.
+fn trace(label: &str, motion: &RingMotion) -> Diagram {
+    let driven = motion.trace.iter().map(|&[s_m, d_m]| [s_m, d_m, 0.0]);
+    let end_m = motion.trace.last().map_or(0.0, |[s_m, _]| *s_m);
+    let lane_line = |&d_m: &f64| {
+        let points = vec![[0.0, d_m, 0.0], [end_m, d_m, 0.0]];
+        line("lines of the lanes and edges of the road", points)
+    };
+    let mut lines = vec![line(label, driven.collect())];
+    lines.extend(motion.lane_lines_m.iter().map(lane_line));
+    Diagram {
+        title: format!("Course of one CAV, {label}"),
+        x: "way in m".to_owned(),
+        y: "offset to the left in m".to_owned(),
+        lines,
     }
 }
