@@ -36,8 +36,8 @@ pub struct RingMotion {
     pub lateral_way_m_per_km: f64,
     /// Lanes changed a km: a lane counts when its middle half is reached.
     pub lane_changes_per_km: f64,
-    /// Way along the road and offset d in metres of the CAV whose way to the side is the median, on
-    /// its first kilometre.
+    /// Way along the road and offset d in metres of the CAV that moved most to the side, on its
+    /// first kilometre.
     pub trace: Vec<[f64; 2]>,
     /// Offsets of the lines between the lanes and of the road's edges in metres.
     pub lane_lines_m: Vec<f64>,
@@ -117,9 +117,8 @@ impl Motion {
         let a_km = |count: f64| if way_km > 0.0 { count / way_km } else { 0.0 };
         let lanes_changed = sum(|course| f64::from(course.lanes_changed));
         let width_m = lane_width_m(road);
-        let mut by_lateral_way: Vec<&Course> = self.cavs.iter().collect();
-        by_lateral_way.sort_by(|a, b| a.lateral_way_m.total_cmp(&b.lateral_way_m));
-        let median = by_lateral_way.get(by_lateral_way.len() / 2);
+        let by_way = |a: &&Course, b: &&Course| a.lateral_way_m.total_cmp(&b.lateral_way_m);
+        let most = self.cavs.iter().max_by(by_way);
         RingMotion {
             way_km,
             lateral_accel_rms_mps2: rms(&self.lateral_accels),
@@ -133,9 +132,7 @@ impl Motion {
                 (sum(|course| course.lateral_way_m) - width_m * lanes_changed).max(0.0),
             ),
             lane_changes_per_km: a_km(lanes_changed),
-            trace: median
-                .map(|course| course.trace.clone())
-                .unwrap_or_default(),
+            trace: most.map(|course| course.trace.clone()).unwrap_or_default(),
             lane_lines_m: lane_lines_m(road),
         }
     }

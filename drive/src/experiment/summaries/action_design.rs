@@ -106,7 +106,7 @@ pub(super) fn action_design(loops: &Loops<'_>) -> Results {
         diagrams: traces,
         notes: vec![
             "Of the CAVs, relative to the line along the road, as means over 0.1 s. A steering reversal is a turn back by more than 2 degrees at the steering wheel (ratio 15). The way to the side is less the width of the lanes that were changed.".into(),
-            "The picture has the first kilometre of the CAV whose way to the side is the median, with the first seed. Lanes are 3.5 m wide.".into(),
+            "The picture has the first kilometre of the CAV that moved most to the side, with the first seed. Lanes are 3.5 m wide.".into(),
             "Comfort is the paper's: the end-to-end variant has no lane changes to announce, so that standing on a line counts as one.".into(),
         ],
         rows,
@@ -117,10 +117,9 @@ pub(super) fn action_design(loops: &Loops<'_>) -> Results {
 /// The offset of one CAV among the lines of the lanes, which give all panels the same scale.
 fn trace(label: &str, motion: &RingMotion) -> Diagram {
     let driven = motion.trace.iter().map(|&[s_m, d_m]| [s_m, d_m, 0.0]);
-    let end_m = motion.trace.last().map_or(0.0, |[s_m, _]| *s_m);
     let lane_line = |&d_m: &f64| {
-        let points = vec![[0.0, d_m, 0.0], [end_m, d_m, 0.0]];
-        line("lines of the lanes and edges of the road", points)
+        let along = motion.trace.iter().map(|&[s_m, _]| [s_m, d_m, 0.0]);
+        line("lines of the lanes and edges of the road", along.collect())
     };
     let mut lines = vec![line(label, driven.collect())];
     lines.extend(motion.lane_lines_m.iter().map(lane_line));
