@@ -78,7 +78,8 @@ impl FromStr for Shard {
 
 #[derive(Debug, Args)]
 pub struct ExperimentArgs {
-    /// cav-ratio, density, safety, headway, episode-reward, obstacle-at-corner or truncation
+    /// cav-ratio, density, safety, headway, episode-reward, action-design, obstacle-at-corner or
+    /// truncation
     #[arg(value_name = "NAME")]
     pub name: Experiment,
     /// Folder of the cases, a file each, and of the results; what is there is not driven again

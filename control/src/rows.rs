@@ -6,7 +6,7 @@ use crate::barriers::front::{Ahead, Front};
 use crate::barriers::lateral::{Lateral, Strip};
 use crate::barriers::rear::Rear;
 use crate::barriers::sight::Sight;
-use crate::barriers::{Barrier, Input, Row};
+use crate::barriers::{Barrier, Input, ROUNDING_M, Row};
 use crate::manoeuvre::Course;
 use crate::memory::{Excuse, Memory};
 use crate::{EgoState, Neighbour, SafetySettings, Situation};
@@ -176,8 +176,12 @@ pub fn longitudinal(
     for ahead in ahead_in(situation, course) {
         let closing = ahead.closing(safety);
         let mut is_broken = false;
-        for leader in leaders(situation, &ahead) {
+        for leader in leaders(situation, &ahead).chain(entering(situation, &ahead)) {
             let front = Front::new(&ahead, closing, leader, safety);
+            let is_within = leader.lanes.contains(ahead.lane);
+            if !is_within && front.h() < -ROUNDING_M {
+                continue;
+            }
             let excuse = memory.judge(&front, leader);
             is_broken |= excuse.is_some_and(|excuse| excuse != Excuse::Leaving);
             visit(&front.excused(excuse));
@@ -260,6 +264,23 @@ pub fn leaders<'a>(
     let (ego, lane, kind) = (situation.ego, ahead.lane, ahead.kind);
     situation.neighbours.iter().filter(move |neighbour| {
         neighbour.lanes.contains(lane) && is_in_the_way(neighbour, &ego, kind)
+    })
+}
+
+/// The CAVs ahead that announced to enter the lane which the ego vehicle enters, too. One that had
+/// precedence left room when the change began, and nothing may take that before its body is there;
+/// towards one that has no room yet h < 0, and it waits.
+fn entering<'a>(
+    situation: &Situation<'a>,
+    ahead: &Ahead<'_>,
+) -> impl Iterator<Item = &'a Neighbour> {
+    let (ego, lane, road) = (situation.ego, ahead.lane, situation.road());
+    let is_entered = ahead.kind == BarrierKind::FrontTarget;
+    let neighbours = situation.neighbours.iter().filter(move |_| is_entered);
+    neighbours.filter(move |neighbour| {
+        !neighbour.lanes.contains(lane)
+            && neighbour.entering(road) == Some(lane)
+            && neighbour.is_ahead_of(&ego)
     })
 }
 

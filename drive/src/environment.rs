@@ -3,6 +3,7 @@
 
 mod cav;
 mod knowledge;
+mod motion;
 mod perceived;
 mod perception;
 mod sights;
@@ -17,8 +18,8 @@ use covista_control::{ControlSettings, Manoeuvre, RoadProfile, SettingsError};
 use covista_planner::{
     self as planner, InvalidObservation, Observation, OwnMotion, Reward,
     learning::{
-        Environment, EnvironmentError, FeatureEncoder, GLOBAL_FEATURES, InvalidFeatures,
-        NEIGHBOUR_FEATURES, OWN_FEATURES, Outcome, Shape, Situations,
+        Environment, EnvironmentError, FeatureEncoder, GLOBAL_FEATURES, InputShares,
+        InvalidFeatures, NEIGHBOUR_FEATURES, OWN_FEATURES, Outcome, Shape, Situations,
     },
 };
 use covista_sensors::{ErrorModel, ErrorModelError};
@@ -28,6 +29,8 @@ use serde::{Deserialize, Serialize};
 
 use cav::{RingCav, nearest_lane};
 use knowledge::Exact;
+use motion::Motion;
+pub use motion::RingMotion;
 use perceived::Perceived;
 pub use perception::RingPerception;
 use perception::{Frame, Knowledge};
@@ -41,6 +44,9 @@ use watch::Watch;
 const FRAME_STEPS: u64 = 10;
 pub(crate) const BEHAVIOUR_STEPS: u64 = 50;
 pub(crate) const BEHAVIOUR_S: f64 = 0.5;
+/// The same of who steers: no control input is good for 0.5 s.
+const STEERING_STEPS: u64 = 10;
+const STEERING_S: f64 = 0.1;
 
 /// Who drives on the ring, what they know and what they are rewarded for.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -63,7 +69,7 @@ pub struct RingEnvironmentSettings {
     pub steps: u64,
     /// The reward.
     pub reward: Reward,
-    /// Whether a CAV that touches another vehicle ends the episode.
+    /// Whether a CAV that touches another vehicle, or steers off the road, ends the episode.
     pub ends_at_collision: bool,
     /// Whether the monitor looks on: [`RingEnvironment::safety`].
     pub watched: bool,
@@ -119,7 +125,8 @@ pub enum RingEnvironmentError {
 }
 
 /// CAVs and human drivers on the three-lane ring, in closed loop: what each CAV sees and is told,
-/// its controller at 100 Hz, a decision every 0.5 s.
+/// its controller at 100 Hz, a decision every 0.5 s; who steers, through the same filter, decides
+/// every 0.1 s.
 ///
 /// A CAV knows a vehicle when it has line of sight to it, or, with sharing, when it hears it or a
 /// CAV that has: exactly, as of the newest frame (10 Hz), or by a tracker of its own
@@ -134,12 +141,17 @@ pub struct RingEnvironment {
     errors: Option<Arc<ErrorModel>>,
     knowledge: Box<dyn Knowledge>,
     watch: Option<Watch>,
+    motion: Option<Motion>,
     encoder: FeatureEncoder,
     step: u64,
     tally: RingTally,
+    /// Whether the CAVs steer instead of choosing behaviours, in this episode.
+    is_steered: bool,
     // Storage of one step, used again in the next.
     inputs: Vec<ControlInput>,
+    /// Speeds at the last decision, and at the beginning of the behaviour step.
     speeds_mps: Vec<f64>,
+    behaviour_mps: Vec<f64>,
     driven: Vec<Action>,
 }
 
@@ -176,10 +188,13 @@ impl RingEnvironment {
             },
             knowledge: Box::new(Exact::default()),
             watch: None,
+            motion: None,
+            is_steered: false,
             step: 0,
             tally: RingTally::default(),
             inputs: Vec::new(),
             speeds_mps: Vec::new(),
+            behaviour_mps: Vec::new(),
             driven: Vec::new(),
             settings,
             ring,
@@ -209,6 +224,17 @@ impl RingEnvironment {
         self.watch.as_ref().map(Watch::safety)
     }
 
+    /// Keeps from now on how smoothly the CAVs drive in this episode.
+    pub fn record_motion(&mut self) {
+        self.motion = Some(Motion::default());
+    }
+
+    /// How smoothly they drove since [`RingEnvironment::record_motion`].
+    pub fn motion(&self) -> Option<RingMotion> {
+        let road = self.ring.road().road();
+        self.motion.as_ref().map(|motion| motion.figures(road))
+    }
+
     /// The encoder, which counts how often K neighbours were too few.
     pub fn encoder(&self) -> &FeatureEncoder {
         &self.encoder
@@ -217,6 +243,7 @@ impl RingEnvironment {
     fn start(&mut self, seed: u64) -> Result<(), RingEnvironmentError> {
         self.ring.reset(seed)?;
         (self.step, self.tally) = (0, RingTally::default());
+        (self.motion, self.is_steered) = (None, false);
         let settings = &self.settings;
         self.watch = (settings.watched).then(|| Watch::new(settings.control.safety));
         let road = self.ring.road().road();
@@ -241,25 +268,71 @@ impl RingEnvironment {
         outcome: &mut Outcome,
     ) -> Result<(), RingEnvironmentError> {
         let time_s = self.ring.time_s();
-        self.speeds_mps.clear();
-        self.speeds_mps
-            .extend(self.ring.vehicles().iter().map(|vehicle| vehicle.speed_mps));
+        self.note_speeds();
         for (cav, &action) in self.cavs.iter_mut().zip(actions) {
             self.tally.decides(cav, action);
             cav.set_action(action, time_s);
         }
-        let first = self.step;
-        while self.step < first + BEHAVIOUR_STEPS && !outcome.is_over {
-            self.control_step()?;
-            self.note_collisions(outcome);
-        }
-        outcome.is_over |= self.step >= self.settings.steps * BEHAVIOUR_STEPS;
-        // A collision cuts the step short, and its reward.
-        let driven = (self.step - first) as f64 / BEHAVIOUR_STEPS as f64;
+        let driven = self.go_on(BEHAVIOUR_STEPS, outcome)?;
         self.driven.clear();
         let about = self.cavs.iter().zip(actions);
         self.driven
             .extend(about.map(|(cav, &action)| cav.driven(action)));
+        self.reward(driven, outcome);
+        self.tally.ends(&self.ring, &self.driven, &self.speeds_mps);
+        Ok(())
+    }
+
+    /// 0.1 s of the closed loop with control inputs of the CAVs' own choice. Who stands on the line
+    /// of a lane is about to change lanes.
+    fn drive_by(
+        &mut self,
+        inputs: &[InputShares],
+        outcome: &mut Outcome,
+    ) -> Result<(), RingEnvironmentError> {
+        self.is_steered = true;
+        self.note_speeds();
+        if self.step.is_multiple_of(BEHAVIOUR_STEPS) {
+            self.behaviour_mps.clone_from(&self.speeds_mps);
+            let actions = self.cavs.len() as u64;
+            self.tally.decisions += actions;
+        }
+        for (cav, &input) in self.cavs.iter_mut().zip(inputs) {
+            cav.steer(input, self.ring.road().road())?;
+        }
+        let driven = self.go_on(STEERING_STEPS, outcome)?;
+        let road = self.ring.road().road();
+        self.driven.clear();
+        self.driven
+            .extend(self.cavs.iter().map(|cav| cav.steered(road)));
+        self.reward(driven, outcome);
+        if self.step.is_multiple_of(BEHAVIOUR_STEPS) || outcome.is_over {
+            self.tally
+                .ends(&self.ring, &self.driven, &self.behaviour_mps);
+        }
+        Ok(())
+    }
+
+    fn note_speeds(&mut self) {
+        self.speeds_mps.clear();
+        self.speeds_mps
+            .extend(self.ring.vehicles().iter().map(|vehicle| vehicle.speed_mps));
+    }
+
+    /// `steps` of the closed loop, or those up to the episode's end; tells what share of a behaviour
+    /// step that is. A collision cuts the step short, and its reward.
+    fn go_on(&mut self, steps: u64, outcome: &mut Outcome) -> Result<f64, RingEnvironmentError> {
+        let first = self.step;
+        while self.step < first + steps && !outcome.is_over {
+            self.control_step()?;
+            self.note_collisions(outcome);
+        }
+        outcome.is_over |= self.step >= self.settings.steps * BEHAVIOUR_STEPS;
+        Ok((self.step - first) as f64 / BEHAVIOUR_STEPS as f64)
+    }
+
+    /// Rewards what everybody was about over this share of a behaviour step.
+    fn reward(&mut self, driven: f64, outcome: &mut Outcome) {
         for (index, (cav, &action)) in self.cavs.iter().zip(&self.driven).enumerate() {
             let gained_mps = cav.state.speed_mps - self.speeds_mps[index];
             let accel_mps2 = gained_mps / (driven * BEHAVIOUR_S);
@@ -271,8 +344,6 @@ impl RingEnvironment {
             outcome.rewards[index] = r as f32;
             self.tally.reward += r;
         }
-        self.tally.ends(&self.ring, &self.driven, &self.speeds_mps);
-        Ok(())
     }
 
     fn control_step(&mut self) -> Result<(), RingEnvironmentError> {
@@ -290,6 +361,9 @@ impl RingEnvironment {
         let road = self.ring.road().road();
         for (cav, vehicle) in self.cavs.iter_mut().zip(self.ring.vehicles()) {
             cav.moves(vehicle, road);
+        }
+        if let Some(motion) = &mut self.motion {
+            motion.step(&self.cavs, road);
         }
         if self.step.is_multiple_of(FRAME_STEPS) {
             self.frame();
@@ -344,6 +418,13 @@ impl RingEnvironment {
                 }
             }
         }
+        let road = self.ring.road().road();
+        for (cav, terminated) in self.cavs.iter().zip(&mut outcome.terminated) {
+            if self.is_steered && cav.is_beside_the_road(road) {
+                *terminated = true;
+                outcome.is_over = true;
+            }
+        }
     }
 
     fn observe(&mut self, situations: &mut Situations) -> Result<(), RingEnvironmentError> {
@@ -351,7 +432,9 @@ impl RingEnvironment {
         let count = self.cavs.len() as u32;
         self.knowledge.observe(&self.ring)?;
         for (index, cav) in self.cavs.iter_mut().enumerate() {
-            cav.consider(time_s, &self.profile);
+            if !self.is_steered {
+                cav.consider(time_s, &self.profile);
+            }
             let own = OwnMotion {
                 state: cav.state,
                 dimensions: cav.dimensions,
@@ -401,6 +484,18 @@ impl Environment for RingEnvironment {
     ) -> Result<(), EnvironmentError> {
         let time_s = self.ring.time_s();
         self.drive(actions, outcome)
+            .and_then(|()| self.observe(situations))
+            .map_err(|source| failed(format!("at {time_s:.1} s"), source))
+    }
+
+    fn steer(
+        &mut self,
+        inputs: &[InputShares],
+        outcome: &mut Outcome,
+        situations: &mut Situations,
+    ) -> Result<(), EnvironmentError> {
+        let time_s = self.ring.time_s();
+        self.drive_by(inputs, outcome)
             .and_then(|()| self.observe(situations))
             .map_err(|source| failed(format!("at {time_s:.1} s"), source))
     }

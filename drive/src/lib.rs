@@ -49,8 +49,8 @@ pub use covista_traffic::{
     time_ring,
 };
 pub use environment::{
-    RingEnvironment, RingEnvironmentError, RingEnvironmentSettings, RingPerception, RingSafety,
-    RingTally, time_closed_loop,
+    RingEnvironment, RingEnvironmentError, RingEnvironmentSettings, RingMotion, RingPerception,
+    RingSafety, RingTally, time_closed_loop,
 };
 pub use evaluate::{
     Bar, ClassEvaluation, CooperativeEvaluation, CooperativeRuns, DataOrigin, DetectorEvaluation,

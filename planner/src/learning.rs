@@ -21,6 +21,10 @@
 //!
 //! *Neighbours' actions.* The critic sees them at s and, in y, those really taken at s'. The actor
 //! never does: otherwise CAVs would wait for each other.
+//!
+//! *The end-to-end variant* takes the control input for the action. Its actor is deterministic, two
+//! numbers in [-1, 1]; its critic is the truncated one, reads them where the other has one of three
+//! actions, and gives the actor its slope by them. There is nothing to map: the filter takes any input.
 
 mod action_set;
 mod arena;
@@ -31,6 +35,8 @@ mod environment;
 mod error;
 mod features;
 mod hyperparameters;
+mod input_shares;
+mod kept_action;
 mod learned_policy;
 mod learner;
 mod network;
@@ -56,6 +62,7 @@ pub use features::{
     CapCount, FeatureEncoder, GLOBAL_FEATURES, InvalidFeatures, NEIGHBOUR_FEATURES, OWN_FEATURES,
 };
 pub use hyperparameters::Hyperparameters;
+pub use input_shares::InputShares;
 pub use learned_policy::LearnedPolicy;
 pub use learner::Losses;
 pub use nn::AdamSettings;

@@ -15,6 +15,7 @@ const ALGORITHMS: [(&str, &str); 4] = [
     ("unshared", "safe-actor-critic"),
     ("maddpg-mapped", "maddpg-mapped"),
     ("maddpg", "maddpg"),
+    ("end-to-end", "end-to-end"),
 ];
 
 /// `covista train` of a tiny network for two rounds, with more settings of the environment.
@@ -247,6 +248,54 @@ fn without_the_mapping_unsafe_actions_are_taken() {
     assert_eq!(sum("ours", "decisions"), 9 * 18 * 6);
     assert!(sum("maddpg", "unsafe_actions") > 0);
     assert_eq!(sum("maddpg", "paper_unsafe_actions"), 799_672);
+}
+
+#[test]
+fn action_design_compares_behaviours_with_control_inputs() {
+    let out = tempfile::tempdir().expect("a folder");
+    let options = ["--seeds", "2", "--episode", "8"];
+    let said = run(&mut learned("action-design", out.path(), &options));
+    for part in ["steering reversals a km", "RMS lateral jerk: less with"] {
+        assert!(said.contains(part), "no {part:?} in {said}");
+    }
+    let rows = rows(&out.path().join("action-design.json"));
+    let [ours, theirs] = [0, 1].map(|index| &rows[index]);
+    assert_eq!(
+        [&ours["algorithm"], &theirs["algorithm"]],
+        ["ours", "end-to-end"]
+    );
+    for row in &rows {
+        let number = |name: &str| row[name].as_f64().expect("a number");
+        assert!(number("heading_rate_rms_degps") > 0.0, "{row}");
+        assert!((0.0..=3.0).contains(&number("cav_mean_comfort")), "{row}");
+        assert!((0.0..=100.0).contains(&number("filtered_share")), "{row}");
+        assert!(
+            number("collisions") + number("violations_unattributed") < 0.5,
+            "{row}"
+        );
+    }
+    // The filter holds in its lane who steers itself.
+    assert_eq!(theirs["lane_changes_per_km"], 0.0);
+    let case = json(
+        &out.path()
+            .join("action-design/end-to-end-cavs18-rho0.30-seed9000.json"),
+    );
+    assert_eq!(case["figures"]["loop"]["tally"]["decisions"], 18 * 8);
+    let trace = &case["figures"]["loop"]["motion"]["trace"];
+    assert!(
+        trace.as_array().is_some_and(|trace| trace.len() > 30),
+        "{trace}"
+    );
+    let picture = image::open(out.path().join("action-design.png")).expect("a picture");
+    assert_eq!(picture.width(), 1600);
+    // Other experiments' cases are written as they were.
+    run(&mut learned(
+        "headway",
+        out.path(),
+        &["--seeds", "1", "--episode", "2"],
+    ));
+    let (_, text) = &cases(&out.path().join("headway"))[0];
+    assert!(!text.contains("motion"), "{text}");
 }
 
 #[test]

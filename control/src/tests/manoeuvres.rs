@@ -141,6 +141,37 @@ fn the_earlier_announcement_has_precedence_then_the_lower_station() {
     assert_eq!(verdict(3, 9.95), ActionVerdict::Safe);
 }
 
+/// Both change into the middle lane, the one ahead has precedence and brakes before it is there.
+#[test]
+fn room_left_to_one_that_enters_the_same_lane_is_kept() {
+    let gap_m = |enters: bool| {
+        let mut drive = Drive::new(straight(), 0, 100.0, 16.0);
+        drive.controller.set_action(Action::ChangeRight, 0.0);
+        drive.others = vec![Other {
+            station: Some(StationId(1)),
+            action: Some(if enters {
+                Action::ChangeLeft
+            } else {
+                Action::KeepLane
+            }),
+            announced_s: Some(0.0),
+            ..Other::new(4, 133.0, -3.5, 14.0)
+        }];
+        for step in 0..200 {
+            let output = drive.control();
+            drive.apply(output.u);
+            drive.others[0].step(if step > 40 { -2.0 } else { 0.0 });
+        }
+        let started = matches!(drive.controller.manoeuvre(), Manoeuvre::ChangeLane { .. });
+        assert!(started, "{:?}", drive.controller.manoeuvre());
+        let (v, v_k) = (drive.state.speed_mps, drive.others[0].speed_mps);
+        let closed_m = (v * v - v_k * v_k).max(0.0) / 16.0;
+        drive.others[0].s_m - drive.ego().frenet.s_m - closed_m
+    };
+    assert!(gap_m(true) > 18.5, "{}", gap_m(true));
+    assert!(gap_m(false) < 18.5, "{}", gap_m(false));
+}
+
 #[test]
 fn an_announced_change_waits_for_its_gap() {
     let mut drive = Drive::new(straight(), 1, 100.0, 14.0);

@@ -2,12 +2,15 @@ use covista_control::{
     ControlSettings, Controller, EgoState, Manoeuvre, Neighbour, RoadProfile, SettingsError,
     SightLine, Situation,
 };
-use covista_planner::learning::{ActionSet, Options};
+use covista_planner::learning::{ActionSet, InputShares, Options};
 use covista_traffic::RingVehicle;
 use covista_world::{
     Action, ActionVerdict, BicycleState, ControlInput, FilterOutcome, FrenetPose, LANE_COUNT,
     LaneIndex, Road, StationId, VehicleDimensions,
 };
+
+use super::STEERING_S;
+use crate::ControlMode;
 
 /// One CAV of a ring: what it knows, and its controller.
 pub(super) struct RingCav {
@@ -27,6 +30,8 @@ pub(super) struct RingCav {
     pub input: ControlInput,
     /// Whether a lane change began in the newest step.
     pub has_begun: bool,
+    /// The control input that it chose itself, where it steers.
+    chosen: Option<InputShares>,
     controller: Controller,
 }
 
@@ -53,6 +58,7 @@ impl RingCav {
             outcome: FilterOutcome::Nominal,
             input: ControlInput::default(),
             has_begun: false,
+            chosen: None,
             controller: Controller::new(settings, nearest_lane(road, frenet.d_m))?,
         })
     }
@@ -116,7 +122,67 @@ impl RingCav {
         self.announce(time_s);
     }
 
+    /// Takes the control input of the coming decision instead of a behaviour: there is nothing else
+    /// to choose from.
+    pub fn steer(&mut self, chosen: InputShares, road: &Road) -> Result<(), SettingsError> {
+        self.chosen = Some(chosen);
+        let only = ActionSet::EMPTY.with(Action::KeepLane);
+        self.options = Options {
+            legal: only,
+            safe: only,
+        };
+        // Without the filter it is held in no lane, and keeps the one that it is in.
+        let (lane, settings) = (
+            nearest_lane(road, self.frenet.d_m),
+            *self.controller.settings(),
+        );
+        if settings.mode == ControlMode::Off && lane != self.manoeuvre().lane() {
+            self.controller = Controller::new(settings, lane)?;
+        }
+        Ok(())
+    }
+
+    /// What steering amounts to now: who reaches over the line of a lane changes lanes. Which side
+    /// it is makes no difference to comfort.
+    pub fn steered(&self, road: &Road) -> Action {
+        let (right_m, left_m) = road.lane_bounds_m(nearest_lane(road, self.frenet.d_m));
+        let half_m = self.dimensions.width_m / 2.0;
+        if self.frenet.d_m + half_m > left_m || self.frenet.d_m - half_m < right_m {
+            Action::ChangeLeft
+        } else {
+            Action::KeepLane
+        }
+    }
+
+    /// Whether the rear axle's middle has left the road.
+    pub fn is_beside_the_road(&self, road: &Road) -> bool {
+        road.lane_at(self.frenet.d_m).is_none()
+    }
+
+    /// The input that is meant by these shares at the present speed: of tan(delta) that of U, of
+    /// acceleration and braking those of the reference, up to the desired speed.
+    fn input_of(&self, [steering, accel]: InputShares) -> ControlInput {
+        let settings = self.controller.settings();
+        let v = self.state.speed_mps;
+        let grip = settings.safety.lateral_accel_max_mps2 * self.dimensions.wheelbase_m;
+        let limit = settings
+            .safety
+            .tan_delta_max
+            .min(grip / v.powi(2).max(1e-9));
+        let accel = f64::from(accel);
+        let accel_mps2 = if accel > 0.0 {
+            accel * settings.reference.accel_mps2
+        } else {
+            accel * settings.reference.brake_max_mps2
+        };
+        ControlInput {
+            tan_delta: f64::from(steering) * limit,
+            accel_mps2: accel_mps2.min((self.desired_speed_mps - v) / STEERING_S),
+        }
+    }
+
     pub fn control(&mut self, time_s: f64, profile: &RoadProfile) -> ControlInput {
+        let chosen = self.chosen.map(|shares| self.input_of(shares));
         let situation = Situation {
             profile,
             ego: self.ego(),
@@ -126,7 +192,10 @@ impl RingCav {
             desired_speed_mps: self.desired_speed_mps,
         };
         let was_changing = self.is_changing();
-        let output = self.controller.control(&situation);
+        let output = match chosen {
+            Some(input) => self.controller.filter(&situation, input),
+            None => self.controller.control(&situation),
+        };
         self.has_begun = self.is_changing() && !was_changing;
         (self.outcome, self.input) = (output.outcome, output.u);
         self.announce(time_s);

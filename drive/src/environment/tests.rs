@@ -1,5 +1,5 @@
 use covista_control::Mode;
-use covista_planner::learning::{Environment, Outcome, Situations};
+use covista_planner::learning::{Environment, InputShares, Outcome, Situations};
 use covista_traffic::RingSettings;
 use covista_world::Action;
 use rand::{Rng, SeedableRng};
@@ -181,4 +181,88 @@ fn what_makes_no_sense_is_refused() {
     assert!(refusal(|s| s.ring.cavs = 13).contains("13"));
     assert!(refusal(|s| s.ring.density = 5.0).contains("density is 5"));
     assert!(refusal(|s| s.control.safety.brake_mps2 = -1.0).contains("brake"));
+}
+
+/// Steers an episode by `choose`, from the CAV's offset and a random number in [-1, 1].
+fn steer(
+    environment: &mut RingEnvironment,
+    seed: u64,
+    choose: impl Fn(f64, f32) -> InputShares,
+) -> Vec<f32> {
+    let shape = environment.shape();
+    let (mut situations, mut outcome) = (Situations::new(shape), Outcome::new(shape.agents));
+    let mut dice = ChaCha8Rng::seed_from_u64(seed);
+    let mut rewards = Vec::new();
+    environment
+        .reset(seed, &mut situations)
+        .expect("an episode");
+    environment.record_motion();
+    while !outcome.is_over {
+        let cavs = environment.cavs.iter();
+        let inputs: Vec<InputShares> = cavs
+            .map(|cav| choose(cav.frenet.d_m, dice.random_range(-1.0..1.0)))
+            .collect();
+        situations.clear();
+        outcome.clear();
+        environment
+            .steer(&inputs, &mut outcome, &mut situations)
+            .expect("a step");
+        rewards.extend_from_slice(&outcome.rewards);
+    }
+    rewards
+}
+
+#[test]
+fn who_steers_wildly_stays_in_the_lane_and_on_the_promise() {
+    let mut environment = RingEnvironment::new(settings(8, 0.5, 40)).expect("a ring");
+    let wild = |_: f64, draw: f32| [draw.signum(), 1.0 - draw.abs()];
+    for seed in 0..2 {
+        let rewards = steer(&mut environment, seed, wild);
+        assert_eq!(rewards.len(), 8 * 40 * 5);
+        let (safety, tally) = (environment.safety().expect("watched"), environment.tally());
+        assert_eq!(safety.violations_unattributed, 0, "{seed}");
+        assert_eq!(environment.ring().report().collisions, 0, "{seed}");
+        assert_eq!((tally.decisions, tally.behaviour_steps), (8 * 40, 12 * 40));
+        let motion = environment.motion().expect("it is kept");
+        assert!(motion.lane_changes_per_km.abs() < 1e-12, "{motion:?}");
+        assert!(motion.steering_reversals_per_km > 20.0, "{motion:?}");
+        assert_eq!(rewards, steer(&mut environment, seed, wild));
+    }
+}
+
+#[test]
+fn a_lane_keeper_drives_more_smoothly_than_who_steers_at_random() {
+    let mut environment = RingEnvironment::new(settings(8, 0.3, 20)).expect("a ring");
+    drive(&mut environment, 1, true);
+    assert_eq!(environment.motion(), None, "nobody asked for it");
+    steer(&mut environment, 1, |_, draw| [draw, 0.5]);
+    let rough = environment.motion().expect("it is kept");
+    let (mut situations, mut outcome) = (
+        Situations::new(environment.shape()),
+        Outcome::new(environment.shape().agents),
+    );
+    environment.reset(1, &mut situations).expect("an episode");
+    environment.record_motion();
+    while !outcome.is_over {
+        environment
+            .step(&[Action::KeepLane; 8], &mut outcome, &mut situations)
+            .expect("a step");
+    }
+    let smooth = environment.motion().expect("it is kept");
+    assert!(smooth.way_km > 0.5, "{smooth:?}");
+    assert!(smooth.lateral_jerk_rms_mps3 < 0.2 * rough.lateral_jerk_rms_mps3);
+    assert!(smooth.lateral_way_m_per_km < 0.2 * rough.lateral_way_m_per_km);
+    assert!(smooth.steering_reversals_per_km < 0.2 * rough.steering_reversals_per_km);
+    assert!(smooth.trace.len() > 50 && smooth.trace[0][0].abs() < 1e-12);
+}
+
+#[test]
+fn who_steers_off_the_road_without_the_filter_ends_the_episode() {
+    let mut settings = settings(2, 0.2, 60);
+    settings.control.mode = Mode::Off;
+    let mut environment = RingEnvironment::new(settings).expect("a ring");
+    let rewards = steer(&mut environment, 1, |_, _| [-1.0, 0.0]);
+    assert!(rewards.len() < 2 * 60 * 5, "{}", rewards.len());
+    let last = &rewards[rewards.len() - 2..];
+    assert!(last.iter().any(|reward| *reward < -50.0), "{last:?}");
 }

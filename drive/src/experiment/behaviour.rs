@@ -25,6 +25,8 @@ pub enum Behaviour {
     KeepLane,
     /// Any safe action, each as likely.
     RandomSafe,
+    /// The end-to-end variant: control inputs in place of behaviours, through the same filter.
+    EndToEnd,
     /// Nobody: all vehicles are human drivers by IDM and gap acceptance.
     Idm,
 }
@@ -39,6 +41,7 @@ impl Behaviour {
             Self::Maddpg => "maddpg",
             Self::KeepLane => "keep-lane",
             Self::RandomSafe => "random-safe",
+            Self::EndToEnd => "end-to-end",
             Self::Idm => "idm",
         }
     }
@@ -49,6 +52,7 @@ impl Behaviour {
             Self::Ours | Self::Unshared => Some(Algorithm::SafeActorCritic),
             Self::MaddpgMapped => Some(Algorithm::MaddpgMapped),
             Self::Maddpg => Some(Algorithm::Maddpg),
+            Self::EndToEnd => Some(Algorithm::EndToEnd),
             Self::KeepLane | Self::RandomSafe | Self::Idm => None,
         }
     }
@@ -59,6 +63,7 @@ impl Behaviour {
             Algorithm::SafeActorCritic => Self::Ours,
             Algorithm::MaddpgMapped => Self::MaddpgMapped,
             Algorithm::Maddpg => Self::Maddpg,
+            Algorithm::EndToEnd => Self::EndToEnd,
         }
     }
 

@@ -28,6 +28,9 @@ pub struct LoopCase {
     pub environment: RingEnvironmentSettings,
     /// Whether headways are kept over time.
     pub keeps_headways: bool,
+    /// Whether it is measured how smoothly the CAVs drive.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub keeps_motion: bool,
 }
 
 /// Where the CAVs' percepts come from.

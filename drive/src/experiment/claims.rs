@@ -25,6 +25,7 @@ pub(super) fn of(experiment: Experiment, rows: &[Row], driven: &[(Case, Figures)
         Experiment::Safety => safety(rows),
         Experiment::Headway => headway(rows),
         Experiment::EpisodeReward => episode_reward(rows),
+        Experiment::ActionDesign => action_design(rows),
         Experiment::ObstacleAtCorner => obstacle_at_corner(rows, driven),
         Experiment::Truncation => truncation::truncation(driven),
     }
@@ -225,6 +226,45 @@ fn episode_reward(rows: &[Row]) -> Vec<Claim> {
             unattributed < 0.5,
         ),
     ]
+}
+
+/// Measures of smoothness, the less the smoother.
+const ROUGHNESS: [(&str, &str); 8] = [
+    ("lateral_accel_rms_mps2", "RMS lateral acceleration"),
+    ("lateral_accel_p99_mps2", "p99 lateral acceleration"),
+    ("lateral_jerk_rms_mps3", "RMS lateral jerk"),
+    ("lateral_jerk_p99_mps3", "p99 lateral jerk"),
+    ("heading_rms_deg", "RMS heading against the road"),
+    ("heading_rate_rms_degps", "RMS heading rate"),
+    ("steering_reversals_per_km", "steering reversals a km"),
+    (
+        "lateral_way_m_per_km",
+        "way to the side beyond lane changes",
+    ),
+];
+
+fn action_design(rows: &[Row]) -> Vec<Claim> {
+    let mean = |algorithm, name| {
+        let row = rows.iter().find(|row| is_of(row, algorithm));
+        let spread = row.and_then(|row| row.get(name)?.spread);
+        spread.map_or(f64::NAN, |spread| spread.mean)
+    };
+    let smoother = ROUGHNESS.iter().map(|&(name, what)| {
+        let (ours, theirs) = (mean("ours", name), mean("end-to-end", name));
+        claim(
+            format!("{what}: less with behaviours and a controller than end to end"),
+            format!("{ours:.3} against {theirs:.3}"),
+            ours < theirs,
+        )
+    });
+    let unattributed = |algorithm| mean(algorithm, "violations_unattributed");
+    let (ours, theirs) = (unattributed("ours"), unattributed("end-to-end"));
+    let safe = claim(
+        "behind the filter, neither has a violation without a broken assumption",
+        format!("{ours} and {theirs}"),
+        ours + theirs < 0.5,
+    );
+    smoother.chain([safe]).collect()
 }
 
 fn obstacle_at_corner(rows: &[Row], driven: &[(Case, Figures)]) -> Vec<Claim> {

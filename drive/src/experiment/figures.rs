@@ -1,7 +1,7 @@
 use covista_traffic::Ring;
 use serde::{Deserialize, Serialize};
 
-use crate::{RingSafety, RingTally, networked::TruncationErrors};
+use crate::{RingMotion, RingSafety, RingTally, networked::TruncationErrors};
 
 /// What driving a case gave.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -50,6 +50,9 @@ pub struct LoopFigures {
     pub min_headway_m: Option<f64>,
     /// The same at the ends of behaviour steps, over time, where it is kept.
     pub headways: Option<Headways>,
+    /// How smoothly the CAVs drove, where it is measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub motion: Option<RingMotion>,
 }
 
 /// Least distances to the vehicle ahead, between the bodies' centres along the road, at the ends of
@@ -99,6 +102,7 @@ impl LoopFigures {
             human_lane_changes: report.human_lane_changes,
             min_headway_m: report.min_headway_m,
             headways,
+            motion: None,
         }
     }
 }

@@ -18,6 +18,8 @@ pub enum Experiment {
     Headway,
     /// The reward of an episode over the training.
     EpisodeReward,
+    /// How smooth trajectories are, beside those of control inputs as actions.
+    ActionDesign,
     /// Standing vehicles behind a corner, with and without shared vision.
     ObstacleAtCorner,
     /// What truncating the Q-function to a neighbourhood costs, beside the bound of Theorem 2.
@@ -26,12 +28,13 @@ pub enum Experiment {
 
 impl Experiment {
     /// All of them, in the paper's order.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::CavRatio,
         Self::Density,
         Self::Safety,
         Self::Headway,
         Self::EpisodeReward,
+        Self::ActionDesign,
         Self::ObstacleAtCorner,
         Self::Truncation,
     ];
@@ -44,6 +47,7 @@ impl Experiment {
             Self::Safety => "safety",
             Self::Headway => "headway",
             Self::EpisodeReward => "episode-reward",
+            Self::ActionDesign => "action-design",
             Self::ObstacleAtCorner => "obstacle-at-corner",
             Self::Truncation => "truncation",
         }
@@ -63,6 +67,7 @@ impl Experiment {
             Self::Safety | Self::Headway | Self::EpisodeReward => {
                 &[Behaviour::Ours, Behaviour::Maddpg]
             }
+            Self::ActionDesign => &[Behaviour::Ours, Behaviour::EndToEnd],
             Self::ObstacleAtCorner | Self::Truncation => &[],
         }
     }

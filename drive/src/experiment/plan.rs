@@ -8,9 +8,7 @@ use super::{
     Behaviour, Case, Experiment, ExperimentError, LoopCase, NetworkedGame, Percepts, Policies,
     SceneCase, Seeds, TrainingCase, TruncationCase, training_case, training_case::training_config,
 };
-use crate::{
-    ControlMode, RingEnvironment, RingEnvironmentSettings, RingPerception, environment::BEHAVIOUR_S,
-};
+use crate::{ControlMode, RingEnvironment, RingEnvironmentSettings, environment::BEHAVIOUR_S};
 
 /// Behaviour steps of an episode: the paper's 40,000 steps of 0.01 s.
 const STEPS: u64 = 800;
@@ -116,6 +114,12 @@ impl Plan {
                 all.flat_map(|&behaviour| self.loops(behaviour, CAVS, 0.6, HEADWAY_STEPS))
                     .collect()
             }
+            Experiment::ActionDesign => {
+                let all = behaviours.iter();
+                let density = RingSettings::default().density;
+                all.flat_map(|&behaviour| self.loops(behaviour, CAVS, density, STEPS))
+                    .collect()
+            }
             Experiment::EpisodeReward => self.trainings_made().map(Case::Training).collect(),
             Experiment::ObstacleAtCorner => self.scenes()?,
             Experiment::Truncation => self.games().collect(),
@@ -136,7 +140,10 @@ impl Plan {
         let mut environment = RingEnvironmentSettings {
             steps: self.options.steps.unwrap_or(steps),
             ends_at_collision: false,
-            watched: self.experiment == Experiment::Safety,
+            watched: matches!(
+                self.experiment,
+                Experiment::Safety | Experiment::ActionDesign
+            ),
             sharing: behaviour.shares(),
             reward: training_case::reward(),
             ..RingEnvironmentSettings::default()
@@ -159,6 +166,7 @@ impl Plan {
                 policy_sha256: policy_sha256.clone(),
                 environment,
                 keeps_headways: self.experiment == Experiment::Headway,
+                keeps_motion: self.experiment == Experiment::ActionDesign,
             })
         })
     }
@@ -258,6 +266,7 @@ pub(super) fn densities() -> impl Iterator<Item = f64> + Clone {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::RingPerception;
 
     fn plan(experiment: Experiment) -> Plan {
         let options = ExperimentOptions {
@@ -273,7 +282,7 @@ mod tests {
     fn every_case_has_a_name_of_its_own() {
         for (experiment, count) in Experiment::ALL
             .into_iter()
-            .zip([155, 135, 90, 10, 10, 10, 18])
+            .zip([155, 135, 90, 10, 10, 10, 10, 18])
         {
             let cases = plan(experiment).cases().expect("cases");
             let mut names: Vec<_> = cases.iter().map(Case::name).collect();

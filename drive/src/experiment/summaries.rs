@@ -1,5 +1,6 @@
 //! Cases and their figures as tables, diagrams and claims.
 
+mod action_design;
 mod by_density;
 mod by_ratio;
 mod headway;
@@ -23,6 +24,7 @@ impl Plan {
             Experiment::Safety => by_density::safety(&loops(driven)),
             Experiment::Headway => headway::headway(&loops(driven)),
             Experiment::EpisodeReward => training::episode_reward(driven),
+            Experiment::ActionDesign => action_design::action_design(&loops(driven)),
             Experiment::ObstacleAtCorner => scene::obstacle_at_corner(driven),
             Experiment::Truncation => truncation::truncation(driven),
         };

@@ -14,7 +14,7 @@ use crate::{ControlMode, RingEnvironment, RingEnvironmentSettings, TrainingConfi
 /// makes up for an emergency stop.
 pub(super) fn reward() -> Reward {
     Reward {
-        speed_weight: 1.0,
+        speed_weight: 0.55,
         emergency_stop_penalty: 30.0,
         ..Reward::default()
     }
@@ -39,15 +39,10 @@ pub fn training_config(algorithm: Algorithm, steps: Option<u64>, seed: u64) -> T
         training: TrainingSettings {
             algorithm,
             sharing: Sharing::Shared,
-            hyperparameters: Hyperparameters {
-                discount: 0.97,
-                reward_center: 18.0,
-                reward_scale: 0.2,
-                first_exploration: 0.3,
-                exploration_steps: 8,
-                exploration_decisions: 12_000,
-                entropy_weight: 0.3,
-                ..Hyperparameters::default()
+            hyperparameters: if algorithm.steers() {
+                steering()
+            } else {
+                behaving()
             },
             seed,
         },
@@ -60,6 +55,35 @@ pub fn training_of(behaviour: Behaviour, steps: Option<u64>, seed: u64) -> Optio
     config.environment.sharing = behaviour.shares();
     config.environment.watched = behaviour == Behaviour::Ours;
     Some(config)
+}
+
+/// Of those who choose behaviours.
+fn behaving() -> Hyperparameters {
+    Hyperparameters {
+        discount: 0.97,
+        reward_center: 11.0,
+        reward_scale: 0.25,
+        first_exploration: 0.3,
+        exploration_steps: 8,
+        exploration_decisions: 12_000,
+        entropy_weight: 0.3,
+        ..Hyperparameters::default()
+    }
+}
+
+/// Of those who choose control inputs, five times as often: a step earns a fifth, noise lasts for
+/// half a second.
+fn steering() -> Hyperparameters {
+    Hyperparameters {
+        discount: 0.99,
+        reward_center: 2.2,
+        reward_scale: 0.5,
+        first_exploration: 0.3,
+        exploration_steps: 5,
+        exploration_decisions: 12_000,
+        entropy_weight: 0.0,
+        ..Hyperparameters::default()
+    }
 }
 
 /// Trains anew in whole rounds until every learner has made so many decisions, and tells of each
@@ -178,6 +202,7 @@ mod tests {
             Behaviour::Unshared,
             Behaviour::MaddpgMapped,
             Behaviour::Maddpg,
+            Behaviour::EndToEnd,
         ] {
             let name = behaviour.name();
             let read = TrainingConfig::load(&folder.join(format!("{name}.toml"))).expect("read");

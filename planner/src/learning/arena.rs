@@ -1,12 +1,17 @@
 use covista_world::Action;
 
-use super::{Environment, EnvironmentError, EpisodeReport, Outcome, Shape, Situation, Situations};
+use super::{
+    Environment, EnvironmentError, EpisodeReport, InputShares, Outcome, Shape, Situation,
+    Situations,
+};
 
 /// What one environment wrote last.
 pub(super) struct Arena {
     pub situations: Situations,
     pub outcome: Outcome,
     pub actions: Vec<Action>,
+    /// Those instead of actions where agents steer.
+    pub inputs: Vec<InputShares>,
     pub phase: Phase,
     pub report: EpisodeReport,
 }
@@ -28,6 +33,7 @@ impl Arena {
             situations: Situations::new(shape),
             outcome: Outcome::new(shape.agents),
             actions: vec![Action::KeepLane; shape.agents],
+            inputs: vec![InputShares::default(); shape.agents],
             phase: Phase::Done,
             report: EpisodeReport::default(),
         }
@@ -55,23 +61,27 @@ impl Arena {
         situation
     }
 
-    /// Executes the actions where it is running, and counts.
-    pub fn step(&mut self, environment: &mut impl Environment) -> Result<(), EnvironmentError> {
+    /// Executes the actions, or the control inputs, where it is running, and counts.
+    pub fn step(
+        &mut self,
+        environment: &mut impl Environment,
+        steers: bool,
+    ) -> Result<(), EnvironmentError> {
         if self.phase != Phase::Running {
             self.phase = Phase::Done;
             return Ok(());
         }
         let agents = self.actions.len();
-        for (agent, &action) in self.actions.iter().enumerate() {
-            let is_stop = action == Action::EmergencyStop;
-            let safe = self.situations.get(agent).options.safe;
-            self.report.emergency_stops += u64::from(is_stop);
-            self.report.lane_changes += u64::from(action.is_lane_change());
-            self.report.unsafe_actions += u64::from(!is_stop && !safe.contains(action));
+        if steers {
+            self.outcome.clear();
+            self.situations.clear();
+            environment.steer(&self.inputs, &mut self.outcome, &mut self.situations)?;
+        } else {
+            self.count_actions();
+            self.outcome.clear();
+            self.situations.clear();
+            environment.step(&self.actions, &mut self.outcome, &mut self.situations)?;
         }
-        self.outcome.clear();
-        self.situations.clear();
-        environment.step(&self.actions, &mut self.outcome, &mut self.situations)?;
         self.report.steps += 1;
         let reward: f64 = self.outcome.rewards.iter().copied().map(f64::from).sum();
         self.report.reward += reward / agents as f64;
@@ -80,5 +90,15 @@ impl Arena {
             self.phase = Phase::Ending;
         }
         Ok(())
+    }
+
+    fn count_actions(&mut self) {
+        for (agent, &action) in self.actions.iter().enumerate() {
+            let is_stop = action == Action::EmergencyStop;
+            let safe = self.situations.get(agent).options.safe;
+            self.report.emergency_stops += u64::from(is_stop);
+            self.report.lane_changes += u64::from(action.is_lane_change());
+            self.report.unsafe_actions += u64::from(!is_stop && !safe.contains(action));
+        }
     }
 }

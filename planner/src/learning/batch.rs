@@ -1,5 +1,6 @@
+use super::input_shares::INPUTS;
 use super::nn::Sequences;
-use super::{ACTIONS, ActionSet, Situation};
+use super::{ActionSet, InputShares, Situation};
 
 /// Sizes of a batch's rows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -12,6 +13,8 @@ pub(super) struct BatchShape {
     pub neighbours: usize,
     /// Features of a neighbour.
     pub neighbour: usize,
+    /// Numbers by which the critic reads a neighbour's action.
+    pub action: usize,
     /// Inputs of a centralised critic; 0 without.
     pub central: usize,
 }
@@ -26,6 +29,8 @@ pub(super) struct Batch {
     /// freshest in memory.
     pub neighbours: Sequences,
     central: Vec<f32>,
+    /// Own control inputs, where they are the actions.
+    inputs: Vec<f32>,
     /// C_A in each row's situation.
     pub safe: Vec<ActionSet>,
     /// Which of the items laid out each row is.
@@ -35,13 +40,14 @@ pub(super) struct Batch {
 
 impl Batch {
     pub fn new(shape: BatchShape) -> Self {
-        let features = shape.neighbour + ACTIONS;
+        let features = shape.neighbour + shape.action;
         Self {
             shape,
             rows: 0,
             own: vec![0.0; shape.rows * shape.own],
             neighbours: Sequences::new(shape.rows, shape.neighbours, features),
             central: vec![0.0; shape.rows * shape.central],
+            inputs: vec![0.0; shape.rows * INPUTS],
             safe: vec![ActionSet::EMPTY; shape.rows],
             order: Vec::with_capacity(shape.rows),
             lengths: vec![0; shape.neighbours + 1],
@@ -65,6 +71,16 @@ impl Batch {
     /// Inputs of a centralised critic, row by row.
     pub fn central(&self) -> &[f32] {
         &self.central[..self.rows * self.shape.central]
+    }
+
+    /// Own control inputs, row by row.
+    pub fn inputs(&self) -> &[f32] {
+        &self.inputs[..self.rows * INPUTS]
+    }
+
+    /// Sets the own control input of `row`.
+    pub fn set_input(&mut self, row: usize, input: InputShares) {
+        self.inputs[row * INPUTS..][..INPUTS].copy_from_slice(&input);
     }
 
     /// Makes room for `items` situations, item i with `known(i)` neighbours, and orders them.
@@ -105,6 +121,16 @@ impl Batch {
             .split_at_mut(self.shape.neighbour)
     }
 
+    /// Lays out and writes `items` situations; neighbours' actions are left unknown.
+    pub fn write_all<'s>(&mut self, items: usize, of: impl Fn(usize) -> Situation<'s>) {
+        let width = self.shape.neighbour;
+        self.lay_out(items, |item| of(item).neighbours.len() / width);
+        for row in 0..self.rows {
+            let item = self.order[row];
+            self.write(row, &of(item));
+        }
+    }
+
     /// Writes a situation into `row`; neighbours' actions are left unknown.
     pub fn write(&mut self, row: usize, situation: &Situation<'_>) {
         self.own_mut(row).copy_from_slice(situation.own);
@@ -132,6 +158,7 @@ pub(super) fn write_one_hot(place: u8, to: &mut [f32]) {
 #[allow(clippy::float_cmp)] // these numbers are exact
 mod tests {
     use super::*;
+    use crate::learning::ACTIONS;
 
     #[test]
     fn rows_are_ordered_and_the_nearest_comes_last() {
@@ -140,6 +167,7 @@ mod tests {
             own: 1,
             neighbours: 3,
             neighbour: 1,
+            action: ACTIONS,
             central: 0,
         };
         let mut batch = Batch::new(shape);

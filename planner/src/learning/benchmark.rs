@@ -182,7 +182,13 @@ pub(super) fn prepared(
             others.iter().map(|_| Some(action)),
             (1..agents).map(|_| action),
         );
-        learner.replay.decide(frame, action, told, joint);
+        if algorithm.steers() {
+            let input = [own[0], own[1]];
+            let told = others.iter().map(|_| Some(input));
+            learner.replay.decide(frame, input, told, [].into_iter());
+        } else {
+            learner.replay.decide(frame, action, told, joint);
+        }
         if let Some(before) = before.replace(frame) {
             learner.replay.complete(0, before, own[0], Some(frame))?;
         }

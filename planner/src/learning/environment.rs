@@ -1,6 +1,6 @@
 use covista_world::Action;
 
-use super::{ActionSet, LearningError, Situations};
+use super::{ActionSet, InputShares, LearningError, Situations};
 
 const MOST_FEATURES: usize = 1024;
 const MOST_NEIGHBOURS: usize = u8::MAX as usize;
@@ -121,6 +121,24 @@ pub trait Environment: Send {
         outcome: &mut Outcome,
         situations: &mut Situations,
     ) -> Result<(), EnvironmentError>;
+
+    /// One step of agents whose actions are control inputs, which may be shorter than a behaviour
+    /// step.
+    ///
+    /// # Errors
+    /// Where the step cannot be done, and where nobody can steer here.
+    fn steer(
+        &mut self,
+        inputs: &[InputShares],
+        outcome: &mut Outcome,
+        situations: &mut Situations,
+    ) -> Result<(), EnvironmentError> {
+        let _ = (inputs, outcome, situations);
+        Err(EnvironmentError {
+            when: "to steer".into(),
+            source: "it takes behaviours only; choose another algorithm".into(),
+        })
+    }
 }
 
 /// The actions open to an agent.

@@ -4,11 +4,12 @@ use covista_world::StationId;
 
 use super::batch::{Batch, BatchShape};
 use super::checkpoint::Reader;
+use super::input_shares::squashed;
 use super::network::{Buffers, Network};
 use super::plan::Plan;
 use super::{
-    CHOICES, FeatureEncoder, LearningError, NEIGHBOUR_FEATURES, OWN_FEATURES, Shape, Situation,
-    Situations, TrainingSettings,
+    CHOICES, FeatureEncoder, InputShares, LearningError, NEIGHBOUR_FEATURES, OWN_FEATURES, Shape,
+    Situation, Situations, TrainingSettings,
 };
 use crate::{ActionValues, Observation, Policy};
 
@@ -60,6 +61,7 @@ impl LearnedPolicy {
             own: shape.own,
             neighbours: shape.neighbours,
             neighbour: shape.neighbour,
+            action: 0,
             central: 0,
         };
         let one = Shape {
@@ -97,21 +99,28 @@ impl LearnedPolicy {
     }
 
     /// The logits in a situation that is encoded already, with at most as many neighbours as
-    /// [`LearnedPolicy::shape`] has.
+    /// [`LearnedPolicy::shape`] has. An end-to-end policy has none: keep lane alone.
     pub fn logits(&mut self, situation: &Situation<'_>) -> [f32; CHOICES] {
         self.network.logits(situation)
+    }
+
+    /// The control input of an end-to-end policy in such a situation; `None` from any other.
+    pub fn input(&mut self, situation: &Situation<'_>) -> Option<InputShares> {
+        let steers = self.settings.algorithm.steers();
+        steers.then(|| squashed(self.network.values(situation)))
     }
 }
 
 impl Policy for LearnedPolicy {
-    /// Keep lane first where the observation has a number that is not finite.
+    /// Keep lane first where the observation has a number that is not finite, and from an end-to-end
+    /// policy.
     fn values(&mut self, observation: &Observation) -> ActionValues {
         self.situations.clear();
         let nobody = |_: StationId| None;
         let row = &mut self.situations.get_mut(0);
         let logits = match self.encoder.encode(observation, nobody, row) {
             Ok(()) => self.network.logits(&self.situations.get(0)).map(f64::from),
-            Err(_) => [0.0, f64::NEG_INFINITY, f64::NEG_INFINITY],
+            Err(_) => KEEP_LANE.map(f64::from),
         };
         ActionValues {
             keep_lane: logits[0],
@@ -120,6 +129,9 @@ impl Policy for LearnedPolicy {
         }
     }
 }
+
+/// The logits of keep lane alone.
+const KEEP_LANE: [f32; CHOICES] = [0.0, f32::NEG_INFINITY, f32::NEG_INFINITY];
 
 /// An actor with its weights and room for one situation.
 #[derive(Debug, Clone)]
@@ -132,12 +144,15 @@ struct Actor {
 
 impl Actor {
     fn logits(&mut self, situation: &Situation<'_>) -> [f32; CHOICES] {
+        let values = self.values(situation).first_chunk::<CHOICES>();
+        values.copied().unwrap_or(KEEP_LANE)
+    }
+
+    fn values(&mut self, situation: &Situation<'_>) -> &[f32] {
         let known = situation.neighbours.len() / self.batch.shape().neighbour;
         self.batch.lay_out(1, |_| known);
         self.batch.write(0, situation);
-        let values = self
-            .network
-            .forward(&self.weights, &self.batch, &mut self.buffers);
-        std::array::from_fn(|index| values[index])
+        self.network
+            .forward(&self.weights, &self.batch, &mut self.buffers)
     }
 }

@@ -1,13 +1,16 @@
+mod steering;
+
 use covista_world::Action;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::batch::BatchShape;
+use super::input_shares::INPUTS;
 use super::network::{Buffers, Network};
 use super::nn::{Adam, clip_to_norm, norm, soft_update};
 use super::policy_distribution::{any_of, mapped_best, mapped_distribution, objective_gradient};
 use super::replay::{Minibatch, ReplayBuffer};
-use super::{ACTIONS, CHOICES, Hyperparameters, LearningError, Situation};
+use super::{ACTIONS, CHOICES, Hyperparameters, InputShares, LearningError, Situation};
 
 /// A network with its target and its optimiser.
 #[derive(Debug, Clone)]
@@ -77,6 +80,8 @@ pub(super) struct Learner {
     draws: ChaCha8Rng,
     /// For each situation that it decides in: for how many decisions more it repeats itself.
     bursts: Vec<u32>,
+    /// What exploration adds to each control input.
+    noise: Vec<InputShares>,
 }
 
 /// What an update writes; any learner of the same sizes may use it.
@@ -91,6 +96,7 @@ pub(super) struct Workspace {
     targets: Vec<f32>,
     logits_gradient: Vec<f32>,
     values_gradient: Vec<f32>,
+    slopes: Vec<f32>,
 }
 
 impl Workspace {
@@ -105,6 +111,7 @@ impl Workspace {
             targets: vec![0.0; shape.rows],
             logits_gradient: vec![0.0; shape.rows * CHOICES],
             values_gradient: vec![0.0; shape.rows * ACTIONS],
+            slopes: vec![0.0; shape.rows * INPUTS],
         }
     }
 }
@@ -130,6 +137,7 @@ impl Learner {
             settings,
             draws,
             bursts: Vec::new(),
+            noise: Vec::new(),
         }
     }
 
@@ -158,12 +166,7 @@ impl Learner {
         let batch = &mut workspace.minibatch.now;
         for (chunk, actions) in actions.chunks_mut(most).enumerate() {
             let of = |item: usize| situation(chunk * most + item);
-            let width = batch.shape().neighbour;
-            batch.lay_out(actions.len(), |item| of(item).neighbours.len() / width);
-            for row in 0..batch.rows() {
-                let item = batch.order[row];
-                batch.write(row, &of(item));
-            }
+            batch.write_all(actions.len(), of);
             let logits =
                 self.actor
                     .network
@@ -205,6 +208,9 @@ impl Learner {
         }
         self.replay
             .sample(&mut self.draws, &mut workspace.minibatch);
+        if self.critic.network.reads_input() {
+            return self.update_steering(workspace).map(Some);
+        }
         self.write_targets(workspace);
 
         let Workspace {
@@ -259,7 +265,12 @@ impl Learner {
             logits_gradient,
             actor_gradient,
         );
+        self.step(losses, workspace).map(Some)
+    }
 
+    /// Steps both networks along their gradients, and the targets after them.
+    fn step(&mut self, losses: Losses, workspace: &mut Workspace) -> Result<Losses, LearningError> {
+        let Self { actor, critic, .. } = self;
         let diverged = |network| LearningError::Diverged {
             learner: self.index,
             network,
@@ -269,14 +280,16 @@ impl Learner {
             return Err(diverged("critic"));
         }
         let settings = &self.settings;
-        if !critic.step(settings, settings.critic_learning_rate, critic_gradient) {
+        let gradient = &mut workspace.critic_gradient;
+        if !critic.step(settings, settings.critic_learning_rate, gradient) {
             return Err(diverged("critic"));
         }
-        if !actor.step(settings, settings.actor_learning_rate, actor_gradient) {
+        let gradient = &mut workspace.actor_gradient;
+        if !actor.step(settings, settings.actor_learning_rate, gradient) {
             return Err(diverged("actor"));
         }
         self.updates += 1;
-        Ok(Some(losses))
+        Ok(losses)
     }
 
     /// y = r + gamma Q'(s', Phi(pi'(s')), a'^N), the expectation over Phi(pi').

@@ -1,6 +1,7 @@
 use rand::Rng;
 
 use super::batch::{Batch, BatchShape};
+use super::input_shares::INPUTS;
 use super::nn::{Dense, Layout, Lstm, LstmBuffers, Packed, Tensor, relu_backward};
 use super::{ACTIONS, CHOICES};
 
@@ -20,14 +21,22 @@ pub(super) enum Trunk {
 /// An actor has one value for each action of A and sees no actions at all. A critic has one value,
 /// and the own action is an input of its last hidden layer; the trunk does not see it, so that one
 /// pass gives the value of every own action.
+///
+/// Where the action is the control input, an actor has its two numbers before the tanh, and the
+/// critic one value, of the input that it is told in its last hidden layer.
 #[derive(Debug, Clone)]
 pub(super) struct Network {
     trunk: Trunk,
     hidden: Dense,
     head: Dense,
     own: usize,
+    /// Numbers of the own control input that a critic is told; 0 of any other network.
+    input: usize,
+    /// What the head's first weights are multiplied by.
+    head_scale: f32,
     tensors: Vec<Tensor>,
-    /// Values a row: [`CHOICES`] of an actor, [`ACTIONS`] of a critic.
+    /// Values a row: [`CHOICES`] of an actor, [`ACTIONS`] of a critic; [`INPUTS`] and 1 where the
+    /// action is the control input.
     pub values: usize,
 }
 
@@ -60,6 +69,33 @@ impl Network {
         Self::joined(Trunk::Neighbours(lstm), layer, head, shape.own, layout)
     }
 
+    /// The control input before its tanh: own state and neighbours' states. It begins near zero,
+    /// where the tanh has a slope.
+    pub fn input_actor(shape: BatchShape, hidden: usize) -> Self {
+        let mut layout = Layout::default();
+        let lstm = Lstm::new(&mut layout, "lstm", shape.neighbour, hidden);
+        let layer = Dense::new(&mut layout, "hidden", hidden + shape.own, hidden);
+        let head = Dense::new(&mut layout, "head", hidden, INPUTS);
+        Self {
+            head_scale: 0.1,
+            ..Self::joined(Trunk::Neighbours(lstm), layer, head, shape.own, layout)
+        }
+    }
+
+    /// The truncated Q of the own control input, neighbours' states and control inputs.
+    pub fn input_critic(shape: BatchShape, hidden: usize) -> Self {
+        let mut layout = Layout::default();
+        let features = shape.neighbour + shape.action;
+        let lstm = Lstm::new(&mut layout, "lstm", features, hidden);
+        let layer = Dense::new(&mut layout, "hidden", hidden + shape.own + INPUTS, hidden);
+        let head = Dense::new(&mut layout, "head", hidden, 1);
+        Self {
+            input: INPUTS,
+            values: 1,
+            ..Self::joined(Trunk::Neighbours(lstm), layer, head, shape.own, layout)
+        }
+    }
+
     /// The truncated Q: own state and action, neighbours' states and actions.
     pub fn truncated_critic(shape: BatchShape, hidden: usize) -> Self {
         let mut layout = Layout::default();
@@ -87,6 +123,8 @@ impl Network {
             hidden,
             head,
             own,
+            input: 0,
+            head_scale: 1.0,
             tensors: layout.tensors,
             values: if head.outputs == 1 {
                 ACTIONS
@@ -117,7 +155,16 @@ impl Network {
         }
         self.hidden.initialise(&mut parameters, rng);
         self.head.initialise(&mut parameters, rng);
+        let head = self.len() - (self.head.inputs + 1) * self.head.outputs;
+        for weight in &mut parameters[head..] {
+            *weight *= self.head_scale;
+        }
         parameters
+    }
+
+    /// Whether it is a critic of control inputs.
+    pub fn reads_input(&self) -> bool {
+        self.input > 0
     }
 
     /// Own actions that a pass values apart: all of a critic, none of an actor.
@@ -190,6 +237,17 @@ impl Network {
             .forward(parameters, joined, width, packed, before);
         let after = &mut buffers.after[..rows * variants * units];
         let actions = self.hidden.rows(parameters, width);
+        if self.input > 0 {
+            for (before, input) in before
+                .chunks_exact_mut(units)
+                .zip(batch.inputs().chunks_exact(self.input))
+            {
+                for (&share, weights) in input.iter().zip(actions.chunks_exact(units)) {
+                    let terms = before.iter_mut().zip(weights);
+                    terms.for_each(|(sum, &weight)| *sum += share * weight);
+                }
+            }
+        }
         for (before, after) in before
             .chunks_exact(units)
             .zip(after.chunks_exact_mut(variants * units))
@@ -255,6 +313,17 @@ impl Network {
                 }
             }
         }
+        if self.input > 0 {
+            for (given, input) in before_gradient
+                .chunks_exact(units)
+                .zip(batch.inputs().chunks_exact(self.input))
+            {
+                for (&share, slopes) in input.iter().zip(actions.chunks_exact_mut(units)) {
+                    let terms = slopes.iter_mut().zip(given);
+                    terms.for_each(|(sum, &x)| *sum += share * x);
+                }
+            }
+        }
         let joined = &buffers.joined[..rows * width];
         self.hidden
             .backward_weights(joined, width, before_gradient, packed, gradient);
@@ -279,6 +348,25 @@ impl Network {
                     packed,
                     gradient,
                 );
+            }
+        }
+    }
+}
+
+impl Network {
+    /// The slopes of each row's value by its own control input, after a forward pass of as many
+    /// rows as `slopes` has, [rows, [`INPUTS`]].
+    pub fn input_slopes(&self, parameters: &[f32], buffers: &Buffers, slopes: &mut [f32]) {
+        let units = self.hidden.outputs;
+        let head = &self.head.rows(parameters, 0)[..units];
+        let weights = self.hidden.rows(parameters, self.trunk_width() + self.own);
+        for (after, slopes) in
+            (buffers.after.chunks_exact(units)).zip(slopes.chunks_exact_mut(INPUTS))
+        {
+            for (slope, weights) in slopes.iter_mut().zip(weights.chunks_exact(units)) {
+                let terms = after.iter().zip(head).zip(weights);
+                let open = terms.filter(|((after, _), _)| **after > 0.0);
+                *slope = open.map(|((_, head), weight)| head * weight).sum();
             }
         }
     }

@@ -1,4 +1,5 @@
 use super::batch::BatchShape;
+use super::kept_action::INPUT_FEATURES;
 use super::learner::{Learner, Workspace};
 use super::network::Network;
 use super::replay::ReplayBuffer;
@@ -16,6 +17,7 @@ pub(super) struct Plan {
 impl Plan {
     pub fn new(shape: Shape, settings: &TrainingSettings) -> Self {
         let is_central = settings.algorithm.is_central();
+        let steers = settings.algorithm.steers();
         let joint = if is_central { shape.agents - 1 } else { 0 };
         let global = if is_central {
             shape.agents * shape.global
@@ -27,14 +29,21 @@ impl Plan {
             own: shape.own,
             neighbours: shape.neighbours,
             neighbour: shape.neighbour,
+            action: if steers { INPUT_FEATURES } else { ACTIONS },
             central: global + joint * ACTIONS,
         };
         let hidden = settings.hyperparameters.hidden;
         Self {
             batch,
-            actor: Network::actor(batch, hidden),
+            actor: if steers {
+                Network::input_actor(batch, hidden)
+            } else {
+                Network::actor(batch, hidden)
+            },
             critic: if is_central {
                 Network::central_critic(batch, hidden)
+            } else if steers {
+                Network::input_critic(batch, hidden)
             } else {
                 Network::truncated_critic(batch, hidden)
             },

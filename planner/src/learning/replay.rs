@@ -1,13 +1,11 @@
-use covista_world::Action;
 use rand::Rng;
 
-use super::batch::{Batch, BatchShape, write_one_hot};
-use super::{ACTIONS, ActionSet, LearningError, Situation, action_index};
+use super::batch::{Batch, BatchShape};
+use super::kept_action::{KeptAction, MOST_BYTES, UNKNOWN, bytes_of, restored, write_action};
+use super::{ActionSet, LearningError, Situation};
 
 /// Frames that are allocated together.
 const CHUNK: usize = 4096;
-/// The action of a neighbour that tells none.
-const UNKNOWN: u8 = u8::MAX;
 /// No following frame.
 const NONE: u32 = u32::MAX;
 /// Steps of a feature in [0, 1]: of 150 m, 5 mm.
@@ -23,7 +21,7 @@ struct Record {
     reward: f32,
     /// The frame that holds s'; `NONE` while there is none.
     next: u32,
-    action: u8,
+    action: [u8; MOST_BYTES],
     safe: u8,
     known: u8,
     /// Whether it is the start of a whole transition.
@@ -42,7 +40,7 @@ struct Chunk {
 ///
 /// Successive situations of an agent are stored once each, as frames that point to the next one,
 /// which also holds the safe set at s' and what the neighbours did there. Features are kept in 16
-/// bits over [-1, 1], actions in a byte; memory is taken as it is needed.
+/// bits over [-1, 1], actions in a byte, control inputs in two; memory is taken as it is needed.
 pub(super) struct ReplayBuffer {
     shape: BatchShape,
     joint: usize,
@@ -84,9 +82,9 @@ impl Minibatch {
 }
 
 impl ReplayBuffer {
-    /// For frames of these sizes; the last `joint` x [`ACTIONS`] central inputs are others' actions.
+    /// For frames of these sizes; the last `joint` x [`super::ACTIONS`] central inputs are others' actions.
     pub fn new(shape: BatchShape, joint: usize, capacity: usize) -> Self {
-        debug_assert!(joint * ACTIONS <= shape.central);
+        debug_assert!(joint * shape.action <= shape.central);
         Self {
             shape,
             joint,
@@ -113,7 +111,7 @@ impl ReplayBuffer {
     }
 
     fn central(&self) -> usize {
-        self.shape.central - self.joint * ACTIONS
+        self.shape.central - self.joint * self.shape.action
     }
 
     fn features(&self) -> usize {
@@ -121,7 +119,7 @@ impl ReplayBuffer {
     }
 
     fn actions(&self) -> usize {
-        self.shape.neighbours + self.joint
+        (self.shape.neighbours + self.joint) * bytes_of(self.shape.action)
     }
 
     fn record(&self, slot: usize) -> &Record {
@@ -193,24 +191,26 @@ impl ReplayBuffer {
 
     /// Notes what was done in a frame: the own action, each neighbour's, and everybody else's for a
     /// centralised critic.
-    pub fn decide(
+    pub fn decide<A: KeptAction>(
         &mut self,
         id: FrameId,
-        action: Action,
-        neighbours: impl Iterator<Item = Option<Action>>,
-        joint: impl Iterator<Item = Action>,
+        action: A,
+        neighbours: impl Iterator<Item = Option<A>>,
+        joint: impl Iterator<Item = A>,
     ) {
         let Some(slot) = self.slot(id) else { return };
-        self.record_mut(slot).action = action_index(action) as u8;
-        let (actions, split) = (self.actions(), self.shape.neighbours);
+        self.record_mut(slot).action = action.bytes();
+        let (actions, bytes) = (self.actions(), bytes_of(self.shape.action));
+        let split = self.shape.neighbours * bytes;
         let chunk = &mut self.chunks[slot / CHUNK];
         let row = &mut chunk.actions[slot % CHUNK * actions..][..actions];
         let (of_neighbours, of_all) = row.split_at_mut(split);
-        for (to, action) in of_neighbours.iter_mut().zip(neighbours) {
-            *to = action.map_or(UNKNOWN, |action| action_index(action) as u8);
+        for (to, action) in of_neighbours.chunks_exact_mut(bytes).zip(neighbours) {
+            let kept = action.map_or([UNKNOWN; MOST_BYTES], KeptAction::bytes);
+            to.copy_from_slice(&kept[..bytes]);
         }
-        for (to, action) in of_all.iter_mut().zip(joint) {
-            *to = action_index(action) as u8;
+        for (to, action) in of_all.chunks_exact_mut(bytes).zip(joint) {
+            to.copy_from_slice(&action.bytes()[..bytes]);
         }
     }
 
@@ -279,7 +279,10 @@ impl ReplayBuffer {
             let slot = slots[now.order[row]];
             let record = self.record(slot);
             self.read(slot, row, now);
-            action[row] = record.action;
+            action[row] = record.action[0];
+            if bytes_of(self.shape.action) == MOST_BYTES {
+                now.set_input(row, restored(record.action));
+            }
             reward[row] = record.reward;
             next_row[row] = (!record.terminated).then_some(next_slots.len());
             if !record.terminated {
@@ -304,21 +307,24 @@ impl ReplayBuffer {
             own,
             neighbours,
             neighbour,
+            action: width,
             ..
         } = self.shape;
+        let bytes = bytes_of(width);
         batch.safe[row] = ActionSet::from_bits(record.safe);
         restore(&features[..own], batch.own_mut(row));
         for slot in 0..usize::from(record.known) {
             let (state, action) = batch.neighbour_mut(row, slot);
             restore(&features[own + slot * neighbour..][..neighbour], state);
-            write_one_hot(actions[slot], action);
+            write_action(&actions[slot * bytes..][..bytes], action);
         }
         if self.shape.central > 0 {
             let central = self.central();
             let (states, joint) = batch.central_mut(row).split_at_mut(central);
             restore(&features[own + neighbours * neighbour..], states);
-            for (to, &action) in joint.chunks_exact_mut(ACTIONS).zip(&actions[neighbours..]) {
-                write_one_hot(action, to);
+            let of_all = actions[neighbours * bytes..].chunks_exact(bytes);
+            for (to, action) in joint.chunks_exact_mut(width).zip(of_all) {
+                write_action(action, to);
             }
         }
     }
@@ -328,7 +334,7 @@ impl Record {
     const EMPTY: Self = Self {
         reward: 0.0,
         next: NONE,
-        action: UNKNOWN,
+        action: [UNKNOWN; MOST_BYTES],
         safe: 0,
         known: 0,
         is_whole: false,

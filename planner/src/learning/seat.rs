@@ -1,9 +1,10 @@
 use covista_world::Action;
 
 use super::arena::{Arena, Phase};
+use super::kept_action::KeptAction;
 use super::learner::{Learner, Losses, Workspace};
-use super::replay::FrameId;
-use super::{LearningError, Shape, Sharing, Situations, TrainingSettings};
+use super::replay::{FrameId, ReplayBuffer};
+use super::{InputShares, LearningError, Shape, Sharing, Situations, TrainingSettings};
 
 /// A learner with what it is about in this step.
 pub(super) struct Seat {
@@ -11,6 +12,7 @@ pub(super) struct Seat {
     /// The agents that it acts for, as (arena, agent).
     pub agents: Vec<(usize, usize)>,
     pub actions: Vec<Action>,
+    pub inputs: Vec<InputShares>,
     pub before: Vec<Option<FrameId>>,
     pub now: Vec<Option<FrameId>>,
     pub central: Vec<f32>,
@@ -41,6 +43,7 @@ impl Seat {
         Self {
             learner,
             actions: vec![Action::KeepLane; agents.len()],
+            inputs: vec![InputShares::default(); agents.len()],
             before: vec![None; agents.len()],
             now: vec![None; agents.len()],
             agents,
@@ -90,8 +93,13 @@ impl Seat {
             let (arena, agent) = agents[item];
             arenas[arena].situation(agent, is_mapped)
         };
-        self.learner
-            .act(situation, learns, workspace, &mut self.actions);
+        if settings.algorithm.steers() {
+            self.learner
+                .steer(situation, learns, workspace, &mut self.inputs);
+        } else {
+            self.learner
+                .act(situation, learns, workspace, &mut self.actions);
+        }
         Ok(())
     }
 
@@ -108,11 +116,11 @@ impl Seat {
             let arena = &arenas[arena];
             let replay = &mut self.learner.replay;
             if let Some(now) = self.now[item] {
-                let neighbours = arena.situations.get(agent).agents.iter();
-                let told = neighbours.map(|&other| arena.actions.get(other? as usize).copied());
-                let others = if is_central { arena.actions.len() } else { 0 };
-                let joint = (1..others).map(|by| arena.actions[(agent + by) % others]);
-                replay.decide(now, arena.actions[agent], told, joint);
+                if settings.algorithm.steers() {
+                    note(replay, now, agent, arena, &arena.inputs, is_central);
+                } else {
+                    note(replay, now, agent, arena, &arena.actions, is_central);
+                }
             }
             if let (Some(before), true) = (self.before[item], arena.phase != Phase::Done) {
                 let outcome = &arena.outcome;
@@ -130,6 +138,23 @@ impl Seat {
         }
         Ok(())
     }
+}
+
+/// Notes what `agent` did in a frame, and what its neighbours did or, for a centralised critic,
+/// everybody else.
+fn note<A: KeptAction>(
+    replay: &mut ReplayBuffer,
+    now: FrameId,
+    agent: usize,
+    arena: &Arena,
+    actions: &[A],
+    is_central: bool,
+) {
+    let neighbours = arena.situations.get(agent).agents.iter();
+    let told = neighbours.map(|&other| actions.get(other? as usize).copied());
+    let others = if is_central { actions.len() } else { 0 };
+    let joint = (1..others).map(|by| actions[(agent + by) % others]);
+    replay.decide(now, actions[agent], told, joint);
 }
 
 /// The global state as `agent` has it: its own part first, the others' after it in their order.

@@ -1,4 +1,5 @@
 mod allocation;
+mod cart;
 mod checkpoints;
 mod corridor;
 mod features;

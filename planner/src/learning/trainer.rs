@@ -276,8 +276,10 @@ impl<E: Environment> Trainer<E> {
             seat.decide(arenas, settings, learns, workspace)
         })?;
         for seat in &self.seats {
-            for (&(arena, agent), &action) in seat.agents.iter().zip(&seat.actions) {
+            let decided = seat.actions.iter().zip(&seat.inputs);
+            for (&(arena, agent), (&action, &input)) in seat.agents.iter().zip(decided) {
                 self.arenas[arena].actions[agent] = action;
+                self.arenas[arena].inputs[agent] = input;
             }
         }
         Ok(())
@@ -293,10 +295,11 @@ impl<E: Environment> Trainer<E> {
 
     /// Every running environment executes the actions.
     fn step(&mut self) -> Result<(), LearningError> {
+        let steers = self.settings.algorithm.steers();
         self.environments
             .par_iter_mut()
             .zip(&mut self.arenas)
-            .try_for_each(|(environment, arena)| arena.step(environment))?;
+            .try_for_each(|(environment, arena)| arena.step(environment, steers))?;
         Ok(())
     }
 }

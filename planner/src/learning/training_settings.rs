@@ -12,6 +12,9 @@ pub enum Algorithm {
     Maddpg,
     /// The same with the safe action mapping.
     MaddpgMapped,
+    /// The baseline without behaviours: the action is the control input itself, the critic is
+    /// truncated as in Alg. 2.
+    EndToEnd,
 }
 
 impl Algorithm {
@@ -21,7 +24,12 @@ impl Algorithm {
     }
 
     pub(super) fn is_central(self) -> bool {
-        self != Self::SafeActorCritic
+        matches!(self, Self::Maddpg | Self::MaddpgMapped)
+    }
+
+    /// Whether its actions are control inputs ([`super::InputShares`]).
+    pub fn steers(self) -> bool {
+        self == Self::EndToEnd
     }
 }
 

@@ -32,7 +32,11 @@ static COUNTING: Counting = Counting;
 
 #[test]
 fn an_update_allocates_nothing() {
-    for algorithm in [Algorithm::SafeActorCritic, Algorithm::Maddpg] {
+    for algorithm in [
+        Algorithm::SafeActorCritic,
+        Algorithm::Maddpg,
+        Algorithm::EndToEnd,
+    ] {
         let settings = Hyperparameters {
             hidden: 32,
             ..Hyperparameters::default()

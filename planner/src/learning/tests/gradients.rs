@@ -3,6 +3,7 @@
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use crate::learning::ACTIONS;
 use crate::learning::batch::{Batch, BatchShape};
 use crate::learning::network::{Buffers, Network};
 
@@ -11,6 +12,7 @@ const SHAPE: BatchShape = BatchShape {
     own: 3,
     neighbours: 4,
     neighbour: 2,
+    action: ACTIONS,
     central: 9,
 };
 
@@ -28,6 +30,7 @@ fn batch(rng: &mut ChaCha8Rng) -> Batch {
             state.fill_with(|| rng.random_range(-1.0..1.0));
             action.fill_with(|| rng.random_range(-1.0..1.0));
         }
+        batch.set_input(row, [0, 1].map(|_| rng.random_range(-1.0..1.0)));
     }
     batch
 }
@@ -38,6 +41,8 @@ fn gradients_are_the_slopes_of_the_values() {
         Network::actor(SHAPE, 7),
         Network::truncated_critic(SHAPE, 7),
         Network::central_critic(SHAPE, 7),
+        Network::input_actor(SHAPE, 7),
+        Network::input_critic(SHAPE, 7),
     ];
     for (which, network) in networks.iter().enumerate() {
         let mut rng = ChaCha8Rng::seed_from_u64(which as u64);
@@ -94,5 +99,35 @@ fn only_the_critic_sees_neighbours_actions() {
         assert_eq!(before != after, sees);
         assert_eq!(before[network.values..], after[network.values..]);
         batch.neighbour_mut(0, 0).1.fill(0.0);
+    }
+}
+
+#[test]
+fn the_slopes_by_the_own_input_are_those_of_the_value() {
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    let network = Network::input_critic(SHAPE, 7);
+    let parameters = network.initialise(&mut rng);
+    let mut batch = batch(&mut rng);
+    let mut buffers = Buffers::new(&network, SHAPE);
+    let mut slopes = vec![0.0; 2 * batch.rows()];
+    network.forward(&parameters, &batch, &mut buffers);
+    network.input_slopes(&parameters, &buffers, &mut slopes);
+    for (index, slope) in slopes.into_iter().enumerate() {
+        let row = index / 2;
+        let kept = [batch.inputs()[2 * row], batch.inputs()[2 * row + 1]];
+        let mut value_at = |by: f32| {
+            let mut moved = kept;
+            moved[index % 2] += by;
+            batch.set_input(row, moved);
+            network.forward(&parameters, &batch, &mut buffers)[row]
+        };
+        let here = value_at(0.0);
+        let (right, left) = (value_at(1e-2) - here, here - value_at(-1e-2));
+        batch.set_input(row, kept);
+        let slopes = [left.min(right) - 5e-5, left.max(right) + 5e-5].map(|by| by / 1e-2);
+        assert!(
+            (slopes[0]..slopes[1]).contains(&slope),
+            "row {row}: {slope} not in {slopes:?}"
+        );
     }
 }

@@ -6,13 +6,14 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::learning::batch::BatchShape;
 use crate::learning::replay::{FrameId, Minibatch, ReplayBuffer};
-use crate::learning::{ActionSet, LearningError, Options, Situation, action_index};
+use crate::learning::{ACTIONS, ActionSet, LearningError, Options, Situation, action_index};
 
 const SHAPE: BatchShape = BatchShape {
     rows: 32,
     own: 1,
     neighbours: 2,
     neighbour: 1,
+    action: ACTIONS,
     central: 0,
 };
 /// What the own feature goes up by in each step.
