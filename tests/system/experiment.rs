@@ -10,7 +10,7 @@ use tempfile::TempDir;
 
 use crate::binary::{assert_one_line_error, covista};
 
-const ALGORITHMS: [(&str, &str); 4] = [
+const ALGORITHMS: [(&str, &str); 5] = [
     ("ours", "safe-actor-critic"),
     ("unshared", "safe-actor-critic"),
     ("maddpg-mapped", "maddpg-mapped"),

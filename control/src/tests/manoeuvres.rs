@@ -157,7 +157,7 @@ fn room_left_to_one_that_enters_the_same_lane_is_kept() {
             announced_s: Some(0.0),
             ..Other::new(4, 133.0, -3.5, 14.0)
         }];
-        for step in 0..200 {
+        for step in 0..300 {
             let output = drive.control();
             drive.apply(output.u);
             drive.others[0].step(if step > 40 { -2.0 } else { 0.0 });
