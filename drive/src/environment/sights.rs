@@ -62,13 +62,12 @@ impl Sights {
     pub fn seen(&self, index: usize) -> impl Iterator<Item = Seen<'_>> {
         let View { eye, near, shapes } = &self.views[index];
         let places = near.iter().enumerate();
-        places.filter_map(move |(place, &(vehicle, laps))| {
-            self.sees(index, vehicle).then(|| Seen {
-                vehicle,
-                laps,
-                body: &shapes[place],
-                visibility: visible_share(*eye, shapes, place),
-            })
+        let seen = places.filter(move |(_, (vehicle, _))| self.sees(index, *vehicle));
+        seen.map(move |(place, &(vehicle, laps))| Seen {
+            vehicle,
+            laps,
+            body: &shapes[place],
+            visibility: visible_share(*eye, shapes, place),
         })
     }
 

@@ -14,7 +14,7 @@ use crate::{ControlMode, RingEnvironment, RingEnvironmentSettings, TrainingConfi
 /// makes up for an emergency stop.
 pub(super) fn reward() -> Reward {
     Reward {
-        speed_weight: 0.55,
+        speed_weight: 0.7,
         emergency_stop_penalty: 30.0,
         ..Reward::default()
     }
@@ -61,7 +61,7 @@ pub fn training_of(behaviour: Behaviour, steps: Option<u64>, seed: u64) -> Optio
 fn behaving() -> Hyperparameters {
     Hyperparameters {
         discount: 0.97,
-        reward_center: 11.0,
+        reward_center: 13.1,
         reward_scale: 0.25,
         first_exploration: 0.3,
         exploration_steps: 8,
@@ -76,7 +76,7 @@ fn behaving() -> Hyperparameters {
 fn steering() -> Hyperparameters {
     Hyperparameters {
         discount: 0.99,
-        reward_center: 2.2,
+        reward_center: 2.6,
         reward_scale: 0.5,
         first_exploration: 0.3,
         exploration_steps: 5,
