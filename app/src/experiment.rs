@@ -57,6 +57,9 @@ pub fn run(args: &ExperimentArgs) -> anyhow::Result<()> {
 /// Options that belong to another experiment are refused.
 fn check(args: &ExperimentArgs) -> anyhow::Result<()> {
     let (name, learned) = (args.name.name(), args.name.learned());
+    if args.perception != PerceptArg::Truth && args.name == Experiment::Truncation {
+        bail!("--perception is for what is driven; truncation is a game on paper");
+    }
     if args.perception != PerceptArg::Truth && args.name == Experiment::EpisodeReward {
         bail!(
             "--perception is for what is driven; for episode-reward set environment.perception in the TOML of `covista train` and give its folder with --trained"

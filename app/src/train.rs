@@ -101,6 +101,7 @@ fn keep(
     settings["version"] = env!("CARGO_PKG_VERSION").into();
     settings["rounds"] = trainer.rounds().into();
     settings["decisions"] = args.decisions.get().into();
+    settings["decisions_made"] = trainer.decisions().into();
     write_json(&args.out.join("settings.json"), &settings)
 }
 

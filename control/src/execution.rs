@@ -115,7 +115,15 @@ impl Execution {
     pub fn course(&self, situation: &Situation<'_>, safety: &SafetySettings) -> Course {
         match self.manoeuvre {
             Manoeuvre::KeepLane { lane } | Manoeuvre::Announced { lane, .. } => Course::keep(lane),
-            Manoeuvre::ChangeLane { from, to, .. } => running(situation, from, to, safety),
+            Manoeuvre::ChangeLane {
+                from,
+                to,
+                announced_s,
+                ..
+            } => Course {
+                announced_s: Some(announced_s),
+                ..running(situation, from, to, safety)
+            },
             Manoeuvre::Abort { from, back } => running(situation, from, back, safety),
         }
     }
@@ -171,6 +179,7 @@ pub fn running(
             current: None,
             target: Some(to),
             strip: [to, to],
+            announced_s: None,
         }
     } else {
         Course::change(from, to)

@@ -92,6 +92,8 @@ pub(crate) struct Course {
     pub target: Option<LaneIndex>,
     /// The lanes within which the body stays.
     pub strip: [LaneIndex; 2],
+    /// When a change that runs was announced, in seconds.
+    pub announced_s: Option<f64>,
 }
 
 impl Course {
@@ -101,6 +103,7 @@ impl Course {
             current: Some(lane),
             target: None,
             strip: [lane, lane],
+            announced_s: None,
         }
     }
 
@@ -110,6 +113,7 @@ impl Course {
             current: Some(from),
             target: Some(to),
             strip: [from, to],
+            announced_s: None,
         }
     }
 

@@ -238,6 +238,16 @@ impl Neighbour {
         self.center_s_m() > ego.frenet.s_m + ego.dimensions.center_ahead_of_axle_m()
     }
 
+    /// Whether it is a CAV that announced what it is about before the ego vehicle did, at
+    /// `announced_s`; ties go to the lower station. What it does not date it announced just now.
+    pub(crate) fn precedes(&self, ego: &EgoState, announced_s: f64, now_s: f64) -> bool {
+        let theirs_s = self.announced_s.unwrap_or(now_s);
+        let is_before = |station: StationId| {
+            theirs_s < announced_s || theirs_s <= announced_s && station < ego.station
+        };
+        self.station.is_some_and(is_before)
+    }
+
     /// The lane that it announced to enter.
     pub(crate) fn entering(&self, road: &Road) -> Option<LaneIndex> {
         let lane = road.lane_at(0.5 * (self.d_right_m + self.d_left_m))?;

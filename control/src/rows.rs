@@ -176,7 +176,7 @@ pub fn longitudinal(
     for ahead in ahead_in(situation, course) {
         let closing = ahead.closing(safety);
         let mut is_broken = false;
-        for leader in leaders(situation, &ahead).chain(entering(situation, &ahead)) {
+        for leader in leaders(situation, &ahead).chain(entering(situation, &ahead, course)) {
             let front = Front::new(&ahead, closing, leader, safety);
             let is_within = leader.lanes.contains(ahead.lane);
             if !is_within && front.h() < -ROUNDING_M {
@@ -267,22 +267,31 @@ pub fn leaders<'a>(
     })
 }
 
-/// The CAVs ahead that announced to enter the lane which the ego vehicle enters, too. One that had
-/// precedence left room when the change began, and nothing may take that before its body is there;
-/// towards one that has no room yet h < 0, and it waits.
+/// The CAVs ahead that enter the lane which the ego vehicle is changing to, and announced that
+/// before it did. They had precedence and were left room as the change began; nothing may take that
+/// before their bodies are there.
 fn entering<'a>(
     situation: &Situation<'a>,
     ahead: &Ahead<'_>,
+    course: &Course,
 ) -> impl Iterator<Item = &'a Neighbour> {
     let (ego, lane, road) = (situation.ego, ahead.lane, situation.road());
+    let time_s = situation.time_s;
     let is_entered = ahead.kind == BarrierKind::FrontTarget;
-    let neighbours = situation.neighbours.iter().filter(move |_| is_entered);
+    let announced_s = course.announced_s.filter(|_| is_entered);
+    let neighbours = situation.neighbours.iter();
     neighbours.filter(move |neighbour| {
-        !neighbour.lanes.contains(lane)
+        let precedes = announced_s.is_some_and(|own_s| neighbour.precedes(&ego, own_s, time_s));
+        precedes
+            && !neighbour.lanes.contains(lane)
             && neighbour.entering(road) == Some(lane)
+            && neighbour.best_fast_mps > STANDING_MPS
             && neighbour.is_ahead_of(&ego)
     })
 }
+
+/// One that is known to be slower stands, and may go on standing beside the lane that it wants.
+const STANDING_MPS: f64 = 0.5;
 
 fn is_in_the_way(neighbour: &Neighbour, ego: &EgoState, kind: BarrierKind) -> bool {
     if !neighbour.is_ahead_of(ego) {

@@ -203,10 +203,8 @@ impl Judge<'_> {
     ) -> Option<BarrierKind> {
         let situation = self.situation;
         match neighbour.station.filter(|_| neighbour.action.is_some()) {
-            Some(station) => {
-                let theirs_s = neighbour.announced_s.unwrap_or(situation.time_s);
-                let precedes = theirs_s < announced_s
-                    || (theirs_s <= announced_s && station < situation.ego.station);
+            Some(_) => {
+                let precedes = neighbour.precedes(&situation.ego, announced_s, situation.time_s);
                 (neighbour.entering(situation.road()) == Some(to) && precedes)
                     .then_some(BarrierKind::Arbitration)
             }

@@ -6,6 +6,7 @@ mod knowledge;
 mod motion;
 mod perceived;
 mod perception;
+mod settings;
 mod sights;
 mod tally;
 mod timing;
@@ -14,18 +15,17 @@ mod watch;
 
 use std::sync::Arc;
 
-use covista_control::{ControlSettings, Manoeuvre, RoadProfile, SettingsError};
+use covista_control::{Manoeuvre, RoadProfile};
 use covista_planner::{
-    self as planner, InvalidObservation, Observation, OwnMotion, Reward,
+    self as planner, Observation, OwnMotion,
     learning::{
         Environment, EnvironmentError, FeatureEncoder, GLOBAL_FEATURES, InputShares,
-        InvalidFeatures, NEIGHBOUR_FEATURES, OWN_FEATURES, Outcome, Shape, Situations,
+        NEIGHBOUR_FEATURES, OWN_FEATURES, Outcome, Shape, Situations,
     },
 };
-use covista_sensors::{ErrorModel, ErrorModelError};
-use covista_traffic::{Ring, RingError, RingSettings};
+use covista_sensors::ErrorModel;
+use covista_traffic::Ring;
 use covista_world::{Action, ControlInput, Road, StationId};
-use serde::{Deserialize, Serialize};
 
 use cav::{RingCav, nearest_lane};
 use knowledge::Exact;
@@ -34,6 +34,7 @@ pub use motion::RingMotion;
 use perceived::Perceived;
 pub use perception::RingPerception;
 use perception::{Frame, Knowledge};
+pub use settings::{RingEnvironmentError, RingEnvironmentSettings};
 use sights::Sights;
 pub use tally::RingTally;
 pub use timing::time_closed_loop;
@@ -47,82 +48,6 @@ pub(crate) const BEHAVIOUR_S: f64 = 0.5;
 /// The same of who steers: no control input is good for 0.5 s.
 const STEERING_STEPS: u64 = 10;
 const STEERING_S: f64 = 0.1;
-
-/// Who drives on the ring, what they know and what they are rewarded for.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct RingEnvironmentSettings {
-    /// The traffic.
-    pub ring: RingSettings,
-    /// The controller of every CAV.
-    pub control: ControlSettings,
-    /// How they come to know of the others.
-    #[serde(skip_serializing_if = "RingPerception::is_exact")]
-    pub perception: RingPerception,
-    /// Whether CAVs tell each other what they are about and whom they see.
-    pub sharing: bool,
-    /// How far their messages reach in metres, along the road.
-    pub communication_m: f64,
-    /// Most neighbours that are kept, K.
-    pub neighbours: usize,
-    /// Behaviour steps of an episode, 0.5 s each.
-    pub steps: u64,
-    /// The reward.
-    pub reward: Reward,
-    /// Whether a CAV that touches another vehicle, or steers off the road, ends the episode.
-    pub ends_at_collision: bool,
-    /// Whether the monitor looks on: [`RingEnvironment::safety`].
-    pub watched: bool,
-}
-
-impl Default for RingEnvironmentSettings {
-    fn default() -> Self {
-        Self {
-            ring: RingSettings {
-                cavs: 18,
-                ..RingSettings::default()
-            },
-            control: ControlSettings::default(),
-            perception: RingPerception::default(),
-            sharing: true,
-            communication_m: 150.0,
-            neighbours: 6,
-            steps: 200,
-            reward: Reward::default(),
-            ends_at_collision: true,
-            watched: true,
-        }
-    }
-}
-
-/// Why the closed loop on the ring can't be set up or go on.
-#[derive(Debug, thiserror::Error)]
-pub enum RingEnvironmentError {
-    /// There is nobody to learn.
-    #[error("a ring without CAVs has nobody to decide; set ring.cavs to 1 or more")]
-    NoCavs,
-    /// An episode of no length.
-    #[error("an episode of 0 steps is none; set steps to 1 or more")]
-    NoSteps,
-    /// No range at all.
-    #[error("communication_m = {0} is no distance; set it to 0 m or more")]
-    Communication(f64),
-    /// The traffic.
-    #[error(transparent)]
-    Ring(#[from] RingError),
-    /// The controller.
-    #[error(transparent)]
-    Settings(#[from] SettingsError),
-    /// The errors of perception.
-    #[error(transparent)]
-    Errors(#[from] ErrorModelError),
-    /// What a CAV knows.
-    #[error(transparent)]
-    Observation(#[from] InvalidObservation),
-    /// Its features.
-    #[error(transparent)]
-    Features(#[from] InvalidFeatures),
-}
 
 /// CAVs and human drivers on the three-lane ring, in closed loop: what each CAV sees and is told,
 /// its controller at 100 Hz, a decision every 0.5 s; who steers, through the same filter, decides

@@ -45,7 +45,8 @@ fn policies() -> &'static Path {
         let folder = tempfile::tempdir().expect("a folder");
         for (name, algorithm) in ALGORITHMS {
             let out = folder.path().join(name);
-            train(algorithm, &out, "");
+            let sharing = format!("sharing = {}", name != "unshared");
+            train(algorithm, &out, &sharing);
             fs::copy(out.join("policy.safetensors"), policy(folder.path(), name)).expect("copied");
         }
         folder
@@ -553,7 +554,7 @@ fn a_report_of_nothing_is_refused() {
 #[test]
 fn what_makes_no_experiment_is_refused_in_one_line() {
     let out = tempfile::tempdir().expect("a folder");
-    let refused: [(&[&str], &[&str]); 11] = [
+    let refused: [(&[&str], &[&str]); 12] = [
         (&["moon-landing"], &["moon-landing", "cav-ratio", "density"]),
         (&["safety", "--shard", "0/3"], &["0/3", "I from 1 to N"]),
         (&["safety", "--shard", "4/3"], &["4/3", "I from 1 to N"]),
@@ -564,6 +565,10 @@ fn what_makes_no_experiment_is_refused_in_one_line() {
         (
             &["safety", "--perception", "truth", "--trained", "x"],
             &["--trained", "episode-reward"],
+        ),
+        (
+            &["truncation", "--perception", "statistical"],
+            &["--perception", "game on paper"],
         ),
         (
             &["episode-reward", "--perception", "statistical"],

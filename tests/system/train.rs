@@ -78,14 +78,14 @@ fn a_training_with_the_errors_of_perception_is_another_one() {
     let folder = tempfile::tempdir().expect("a folder");
     let run = folder.path().join("run");
     let statistical = TINY.replace("steps = 8", "steps = 8\nperception = \"statistical\"");
-    trained(&statistical, folder.path(), &["--episodes", "1"]);
+    trained(&statistical, folder.path(), &["--decisions", "1"]);
     let with_errors = fs::read_to_string(run.join("curve.csv")).expect("a curve");
     let settings = fs::read_to_string(run.join("settings.json")).expect("settings");
     assert!(settings.contains("\"statistical\""), "{settings}");
-    trained(&statistical, folder.path(), &["--episodes", "1"]);
+    trained(&statistical, folder.path(), &["--decisions", "1"]);
     let again = fs::read_to_string(run.join("curve.csv")).expect("a curve");
     assert_eq!(with_errors, again);
-    trained(TINY, folder.path(), &["--episodes", "1"]);
+    trained(TINY, folder.path(), &["--decisions", "1"]);
     let exact = fs::read_to_string(run.join("curve.csv")).expect("a curve");
     assert_ne!(with_errors, exact);
 

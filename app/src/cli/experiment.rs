@@ -76,7 +76,7 @@ pub struct ExperimentArgs {
     #[arg(long)]
     pub retrain: bool,
     /// Decisions of each learner of a training, for --retrain and episode-reward
-    #[arg(long, value_name = "N", default_value = "20000")]
+    #[arg(long, value_name = "N", default_value = "12000")]
     pub decisions: NonZeroU64,
     /// Folder that `covista train` wrote, for episode-reward instead of a training of its own; may
     /// be repeated
@@ -101,7 +101,7 @@ pub struct TrainArgs {
     pub config: Option<PathBuf>,
     /// Decisions of each learner, one at every behaviour step, those of a checkpoint included; the
     /// episode in which they are reached is driven to its end
-    #[arg(long, value_name = "N", default_value = "20000")]
+    #[arg(long, value_name = "N", default_value = "12000")]
     pub decisions: NonZeroU64,
     /// Go on from DIR/checkpoint.safetensors, where there is one
     #[arg(long)]

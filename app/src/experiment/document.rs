@@ -10,7 +10,7 @@ use crate::{
 };
 
 /// Fewer seeds carry no claim.
-const ENOUGH_SEEDS: u64 = 5;
+const ENOUGH_SEEDS: usize = 5;
 
 /// What an experiment came to, for its readers.
 pub struct Document<'a> {
@@ -81,8 +81,7 @@ impl<'a> Document<'a> {
 
     /// What to hold against claims from a few seeds.
     fn few_seeds(&self) -> Option<String> {
-        let seeds = self.plan.options.seeds;
-        let count = seeds.last - seeds.first + 1;
+        let count = self.results.rows.iter().map(|row| row.seeds).min()?;
         (count < ENOUGH_SEEDS).then(|| {
             format!("From {count} of at least {ENOUGH_SEEDS} seeds: what holds or fails here may be chance.")
         })

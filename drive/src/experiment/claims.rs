@@ -257,7 +257,11 @@ fn action_design(rows: &[Row]) -> Vec<Claim> {
             ours < theirs,
         )
     });
-    let unattributed = |algorithm| mean(algorithm, "violations_unattributed");
+    let unattributed = |algorithm| {
+        let row = rows.iter().find(|row| is_of(row, algorithm));
+        let spread = row.and_then(|row| row.get("violations_unattributed")?.spread);
+        spread.map_or(f64::NAN, |spread| spread.most)
+    };
     let (ours, theirs) = (unattributed("ours"), unattributed("end-to-end"));
     let safe = claim(
         "behind the filter, neither has a violation without a broken assumption",

@@ -52,6 +52,18 @@ impl Policies {
                     behaviour.name()
                 )));
             }
+            let shared = policy.environment()["sharing"].as_bool();
+            if shared.is_some_and(|shared| shared != behaviour.shares()) {
+                let how = if behaviour.shares() {
+                    "without"
+                } else {
+                    "with"
+                };
+                return Err(unfit(format!(
+                    "was trained {how} messages, {} is not",
+                    behaviour.name()
+                )));
+            }
             if trained.sharing != Sharing::Shared {
                 return Err(unfit("has networks for each CAV, not one for all".into()));
             }

@@ -138,6 +138,12 @@ pub fn read_training(folder: &Path) -> Result<(TrainingCase, LearningCurve), Exp
         .map_err(|error| in_settings(format!("is no JSON ({error})")))?;
     let rounds: u64 = field(&settings, "rounds").map_err(in_settings)?;
     let decisions: u64 = field(&settings, "decisions").map_err(in_settings)?;
+    let made: u64 = field(&settings, "decisions_made").map_err(in_settings)?;
+    if made < decisions {
+        return Err(in_settings(format!(
+            "has {made} of {decisions} decisions; go on with --resume"
+        )));
+    }
     let config = TrainingConfig {
         environments: field(&settings, "environments").map_err(in_settings)?,
         environment: field(&settings, "environment").map_err(in_settings)?,

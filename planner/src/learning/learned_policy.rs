@@ -22,6 +22,7 @@ pub struct LearnedPolicy {
     network: Actor,
     shape: Shape,
     settings: TrainingSettings,
+    environment: serde_json::Value,
 }
 
 impl LearnedPolicy {
@@ -46,7 +47,10 @@ impl LearnedPolicy {
             )));
         }
         let settings = reader.header.settings;
-        Ok(Self::new(shape, settings, actor, weights, loop_length_m))
+        Ok(Self {
+            environment: reader.header.environment,
+            ..Self::new(shape, settings, actor, weights, loop_length_m)
+        })
     }
 
     pub(super) fn new(
@@ -80,6 +84,7 @@ impl LearnedPolicy {
             },
             shape,
             settings,
+            environment: serde_json::Value::Null,
         }
     }
 
@@ -91,6 +96,11 @@ impl LearnedPolicy {
     /// How it was trained.
     pub fn settings(&self) -> &TrainingSettings {
         &self.settings
+    }
+
+    /// What its environments were set up with, where its file tells.
+    pub fn environment(&self) -> &serde_json::Value {
+        &self.environment
     }
 
     /// The encoder, which counts how often the cap on neighbours binds.
