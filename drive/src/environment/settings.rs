@@ -29,7 +29,7 @@ pub struct RingEnvironmentSettings {
     pub reward: Reward,
     /// Whether a CAV that touches another vehicle, or steers off the road, ends the episode.
     pub ends_at_collision: bool,
-    /// Whether the monitor looks on: [`RingEnvironment::safety`].
+    /// Whether the monitor looks on: [`crate::RingEnvironment::safety`].
     pub watched: bool,
 }
 
