@@ -3,7 +3,10 @@
 mod document;
 mod store;
 
-use std::path::{Path, PathBuf};
+use std::{
+    num::NonZeroU64,
+    path::{Path, PathBuf},
+};
 
 use anyhow::{Context, bail};
 use covista_drive::{
@@ -23,6 +26,8 @@ use crate::{
 
 /// The seed of a policy's training: none of the seeds that experiments are driven on.
 const TRAINING_SEED: u64 = 1;
+/// Decisions of each learner in the trainings of the shipped policies.
+const DECISIONS: u64 = 12_000;
 
 /// `covista experiment`.
 pub fn run(args: &ExperimentArgs) -> anyhow::Result<()> {
@@ -71,6 +76,16 @@ fn check(args: &ExperimentArgs) -> anyhow::Result<()> {
     if args.episode.is_some() && args.name == Experiment::Truncation {
         bail!("--episode is for experiments that drive; {name} computes on all states at once");
     }
+    let of_training = args.seeds.is_some() || args.episode.is_some() || args.decisions.is_some();
+    if !args.trained.is_empty() && of_training {
+        bail!(
+            "--trained takes trainings as they are; leave out --seeds, --episode and --decisions"
+        );
+    }
+    let trains = args.retrain || args.name == Experiment::EpisodeReward;
+    if args.decisions.is_some() && !trains {
+        bail!("--decisions is for --retrain and episode-reward");
+    }
     if (args.retrain || args.policies.is_some()) && learned.is_empty() {
         bail!(
             "--policies and --retrain are for experiments with trained policies; {name} has none"
@@ -87,7 +102,7 @@ fn options(args: &ExperimentArgs) -> ExperimentOptions {
             PerceptArg::Truth => Percepts::Truth,
             PerceptArg::Statistical => Percepts::Statistical,
         },
-        decisions: args.decisions.get(),
+        decisions: args.decisions.map_or(DECISIONS, NonZeroU64::get),
     }
 }
 

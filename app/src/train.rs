@@ -26,7 +26,6 @@ pub fn run(args: &TrainArgs) -> anyhow::Result<()> {
         Some(path) => TrainingConfig::load(path)?,
         None => TrainingConfig::default(),
     };
-    prepare_folder(&args.out)?;
     let checkpoint = args.out.join("checkpoint.safetensors");
     let goes_on = args.resume && checkpoint.exists();
     let (mut trainer, mut curve) = if goes_on {
@@ -37,6 +36,7 @@ pub fn run(args: &TrainArgs) -> anyhow::Result<()> {
     } else {
         (config.start()?, Curve::default())
     };
+    prepare_folder(&args.out)?;
     let decisions = args.decisions.get();
     let bar = ProgressBar::new(decisions).with_position(trainer.decisions());
     if let Ok(style) =
@@ -44,6 +44,7 @@ pub fn run(args: &TrainArgs) -> anyhow::Result<()> {
     {
         bar.set_style(style.progress_chars("=> "));
     }
+    bar.set_message("first round");
     bar.tick();
     while trainer.decisions() < decisions {
         let start = Instant::now();
@@ -65,7 +66,7 @@ pub fn run(args: &TrainArgs) -> anyhow::Result<()> {
             row.unsafe_actions
         ));
         curve.push(row);
-        bar.set_position(trainer.decisions());
+        bar.set_position(trainer.decisions().min(decisions));
         if trainer.rounds() % CHECKPOINT_ROUNDS == 0 || trainer.decisions() >= decisions {
             keep(&trainer, &config, args, &curve)?;
         }
@@ -73,9 +74,19 @@ pub fn run(args: &TrainArgs) -> anyhow::Result<()> {
     bar.finish_and_clear();
     let report = trainer.evaluate(config.training.seed ^ UNSEEN)?;
     let row = CurveRow::new(trainer.rounds(), &report, trainer.environments());
+    let rounds = match trainer.rounds() {
+        1 => "1 round".to_owned(),
+        rounds => format!("{rounds} rounds"),
+    };
+    let learnt = match trainer.updates() {
+        0 => format!(
+            " without an update, which takes {} transitions (warm_up)",
+            config.training.hyperparameters.warm_up
+        ),
+        updates => format!(", {updates} updates"),
+    };
     say(&format!(
-        "trained {} rounds; without exploration, in another episode: reward {:.1} a CAV, {:.2} m/s, comfort {:.3}, {} unsafe actions, {} emergency stops, {} lane changes\nwritten to {}",
-        trainer.rounds(),
+        "trained {rounds}{learnt}; without exploration, in another episode: reward {:.1} a CAV, {:.2} m/s, comfort {:.3}, {} unsafe actions, {} emergency stops, {} lane changes\nwritten to {}",
         row.reward,
         row.mean_velocity_mps,
         row.comfort,
@@ -123,14 +134,23 @@ fn check_settings(config: &TrainingConfig, folder: &Path) -> anyhow::Result<()> 
         .with_context(|| format!("{place} is no JSON; leave out --resume to begin anew"))?;
     // By way of text, as those came: numbers may lose their last bit in it.
     let asked: Value = serde_json::from_str(&settings_of(config).to_string())?;
-    let differs = |part: &&&str| began[part] != asked[part];
-    match ["environments", "environment", "training"]
+    let parts = ["environments", "environment", "training"];
+    let mut differ = parts
         .iter()
-        .find(differs)
-    {
-        Some(part) => bail!(
-            "the training of {place} has another {part} than --config; give the same settings, or leave out --resume to begin anew"
+        .map(|part| difference(&began[part], &asked[part], part));
+    match differ.find_map(|field| field) {
+        Some(field) => bail!(
+            "the training of {place} has another {field} than --config; give the same settings, or leave out --resume to begin anew"
         ),
         None => Ok(()),
     }
+}
+
+/// The first field in which two settings differ.
+fn difference(one: &Value, other: &Value, path: &str) -> Option<String> {
+    let (Value::Object(fields), Value::Object(others)) = (one, other) else {
+        return (one != other).then(|| path.to_owned());
+    };
+    let mut keys = fields.keys().chain(others.keys());
+    keys.find_map(|key| difference(&one[key], &other[key], &format!("{path}.{key}")))
 }

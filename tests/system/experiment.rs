@@ -554,7 +554,7 @@ fn a_report_of_nothing_is_refused() {
 #[test]
 fn what_makes_no_experiment_is_refused_in_one_line() {
     let out = tempfile::tempdir().expect("a folder");
-    let refused: [(&[&str], &[&str]); 12] = [
+    let refused: [(&[&str], &[&str]); 14] = [
         (&["moon-landing"], &["moon-landing", "cav-ratio", "density"]),
         (&["safety", "--shard", "0/3"], &["0/3", "I from 1 to N"]),
         (&["safety", "--shard", "4/3"], &["4/3", "I from 1 to N"]),
@@ -573,6 +573,14 @@ fn what_makes_no_experiment_is_refused_in_one_line() {
         (
             &["episode-reward", "--perception", "statistical"],
             &["--perception", "environment.perception", "--trained"],
+        ),
+        (
+            &["headway", "--decisions", "9"],
+            &["--decisions", "--retrain"],
+        ),
+        (
+            &["episode-reward", "--trained", "x", "--episode", "9"],
+            &["--trained", "--episode"],
         ),
         (
             &["obstacle-at-corner", "--retrain"],

@@ -101,10 +101,16 @@ fn other_settings_and_a_damaged_checkpoint_are_told() {
     trained(TINY, folder.path(), &["--decisions", "1"]);
     let other = TINY.replace("neighbours = 3", "neighbours = 4");
     let mut goes_on = train(&other, folder.path(), &["--resume"]);
-    assert_one_line_error(&mut goes_on, &["settings.json", "another environment"]);
+    assert_one_line_error(
+        &mut goes_on,
+        &["settings.json", "another environment.neighbours"],
+    );
     let other = format!("{TINY}discount = 0.5\n");
     let mut goes_on = train(&other, folder.path(), &["--resume"]);
-    assert_one_line_error(&mut goes_on, &["settings.json", "another training"]);
+    assert_one_line_error(
+        &mut goes_on,
+        &["settings.json", "another training.hyperparameters.discount"],
+    );
 
     let checkpoint = folder.path().join("run/checkpoint.safetensors");
     fs::write(&checkpoint, b"nothing of the kind").expect("a file");

@@ -75,9 +75,9 @@ pub struct ExperimentArgs {
     /// Train the policies anew first, into --policies or DIR/policies
     #[arg(long)]
     pub retrain: bool,
-    /// Decisions of each learner of a training, for --retrain and episode-reward
-    #[arg(long, value_name = "N", default_value = "12000")]
-    pub decisions: NonZeroU64,
+    /// Decisions of each learner of a training, for --retrain and episode-reward [default: 12000]
+    #[arg(long, value_name = "N")]
+    pub decisions: Option<NonZeroU64>,
     /// Folder that `covista train` wrote, for episode-reward instead of a training of its own; may
     /// be repeated
     #[arg(long, value_name = "DIR")]

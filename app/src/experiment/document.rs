@@ -90,10 +90,13 @@ impl<'a> Document<'a> {
     /// How it was made, in one paragraph.
     pub fn settings(&self) -> String {
         let options = &self.plan.options;
-        let mut text = format!(
-            "covista {}, seeds {} to {}",
-            self.plan.version, options.seeds.first, options.seeds.last
-        );
+        let mut text = format!("covista {}, ", self.plan.version);
+        if self.plan.trainings.is_empty() {
+            let covista_drive::Seeds { first, last } = options.seeds;
+            text.push_str(&format!("seeds {first} to {last}"));
+        } else {
+            text.push_str("of trainings that were given");
+        }
         if let Some(steps) = options.steps {
             text.push_str(&format!(", episodes of {steps} behaviour steps"));
         }

@@ -220,6 +220,11 @@ impl<E: Environment> Trainer<E> {
         self.seats[0].learner.decisions
     }
 
+    /// Updates that the learners have made, all together.
+    pub fn updates(&self) -> u64 {
+        self.seats.iter().map(|seat| seat.learner.updates).sum()
+    }
+
     /// Bytes taken by the replay buffers, and those of one transition.
     pub fn replay_bytes(&self) -> (usize, usize) {
         let of_all = self
