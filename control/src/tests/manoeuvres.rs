@@ -172,6 +172,55 @@ fn room_left_to_one_that_enters_the_same_lane_is_kept() {
     assert!(gap_m(false) < 18.5, "{}", gap_m(false));
 }
 
+/// The acceleration in a running change to the middle lane, with `others` on the far side of it.
+fn accel_while_changing(others: Vec<Other>) -> f64 {
+    let mut drive = Drive::new(straight(), 0, 100.0, 16.0);
+    drive.controller.set_action(Action::ChangeRight, 0.0);
+    for _ in 0..40 {
+        let output = drive.control();
+        drive.apply(output.u);
+    }
+    drive.others = others;
+    drive.control().u.accel_mps2
+}
+
+#[test]
+fn who_enters_the_same_lane_counts_if_it_precedes_moves_and_leaves_room() {
+    let free = accel_while_changing(Vec::new());
+    let held_at = |of: &dyn Fn(&mut Other)| -> Vec<f64> {
+        let places = (-200..320).map(|quarter| 106.4 + 0.25 * f64::from(quarter));
+        let is_held = |s_m: &f64| {
+            let mut other = Other {
+                station: Some(StationId(1)),
+                action: Some(Action::ChangeLeft),
+                announced_s: Some(0.0),
+                ..Other::new(4, *s_m, -3.5, 10.0)
+            };
+            of(&mut other);
+            accel_while_changing(vec![other]) < free - 1e-9
+        };
+        places.filter(is_held).collect()
+    };
+    let held = held_at(&|_| ());
+    assert!(held.len() > 1 && held[0] > 106.4 + 24.0, "{held:?}");
+    let earlier = |other: &mut Other| {
+        (other.station, other.announced_s) = (Some(StationId(99)), Some(-0.2));
+    };
+    assert_eq!(held_at(&earlier), held);
+    let nobody: [&dyn Fn(&mut Other); 7] = [
+        &|other| other.station = Some(StationId(99)),
+        &|other| other.station = Some(STATION),
+        &|other| other.announced_s = Some(0.1),
+        &|other| other.action = Some(Action::KeepLane),
+        &|other| other.action = Some(Action::ChangeRight),
+        &|other| other.speed_mps = 0.0,
+        &|other| other.station = None,
+    ];
+    for (case, of) in nobody.into_iter().enumerate() {
+        assert_eq!(held_at(of), Vec::<f64>::new(), "{case}");
+    }
+}
+
 #[test]
 fn an_announced_change_waits_for_its_gap() {
     let mut drive = Drive::new(straight(), 1, 100.0, 14.0);
