@@ -48,6 +48,8 @@ pub struct Neighbour {
     pub announced_s: Option<f64>,
 }
 
+/// A vehicle that is surely slower stands.
+const STANDING_MPS: f64 = 0.5;
 /// How far from a lane a body may be for vision's lane to be believed.
 const VISION_LANE_REACH_M: f64 = 1.0;
 
@@ -236,6 +238,11 @@ impl Neighbour {
     /// Whether it is ahead of the ego vehicle: by the bodies' centres.
     pub(crate) fn is_ahead_of(&self, ego: &EgoState) -> bool {
         self.center_s_m() > ego.frenet.s_m + ego.dimensions.center_ahead_of_axle_m()
+    }
+
+    /// Whether it may be faster than one that stands, which changes no lane.
+    pub(crate) fn may_move(&self) -> bool {
+        self.best_fast_mps > STANDING_MPS
     }
 
     /// Whether it is a CAV that announced what it is about before the ego vehicle did, at

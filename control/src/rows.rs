@@ -269,7 +269,7 @@ pub fn leaders<'a>(
 
 /// The CAVs ahead that enter the lane which the ego vehicle is changing to, and announced that
 /// before it did. They had precedence and were left room as the change began; nothing may take that
-/// before their bodies are there.
+/// before their bodies are there. One that surely stands may go on standing beside the lane.
 fn entering<'a>(
     situation: &Situation<'a>,
     ahead: &Ahead<'_>,
@@ -285,13 +285,10 @@ fn entering<'a>(
         precedes
             && !neighbour.lanes.contains(lane)
             && neighbour.entering(road) == Some(lane)
-            && neighbour.best_fast_mps > STANDING_MPS
+            && neighbour.may_move()
             && neighbour.is_ahead_of(&ego)
     })
 }
-
-/// One that is known to be slower stands, and may go on standing beside the lane that it wants.
-const STANDING_MPS: f64 = 0.5;
 
 fn is_in_the_way(neighbour: &Neighbour, ego: &EgoState, kind: BarrierKind) -> bool {
     if !neighbour.is_ahead_of(ego) {

@@ -10,9 +10,6 @@ use crate::memory::Memory;
 use crate::rows::{Rows, ahead_in};
 use crate::{Manoeuvre, Mode, Neighbour, SafetySettings, Situation};
 
-/// A follower or passer-by slower than this does not change lanes.
-const STANDING_MPS: f64 = 0.5;
-
 /// What a verdict rests on.
 #[derive(Debug)]
 pub struct Judge<'a> {
@@ -209,12 +206,11 @@ impl Judge<'_> {
                     .then_some(BarrierKind::Arbitration)
             }
             None => {
-                let moves = neighbour.best_fast_mps > STANDING_MPS;
                 let beside = [to.left(), to.right()]
                     .into_iter()
                     .flatten()
                     .any(|lane| neighbour.lanes.contains(lane) && self.is_far_side(to, lane));
-                (moves && beside).then_some(BarrierKind::FrontTarget)
+                (neighbour.may_move() && beside).then_some(BarrierKind::FrontTarget)
             }
         }
     }

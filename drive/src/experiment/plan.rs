@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Behaviour, Case, Experiment, ExperimentError, LoopCase, NetworkedGame, Percepts, Policies,
-    SceneCase, Seeds, TrainingCase, TruncationCase, training_case, training_case::training_config,
+    SceneCase, Seeds, TrainingCase, TruncationCase, training_case, training_of,
 };
 use crate::{ControlMode, RingEnvironment, RingEnvironmentSettings, environment::BEHAVIOUR_S};
 
@@ -209,15 +209,13 @@ impl Plan {
         if !self.trainings.is_empty() {
             return Box::new(self.trainings.iter().cloned());
         }
-        let algorithms = self
-            .experiment
-            .behaviours()
-            .iter()
-            .filter_map(|of| of.algorithm());
-        Box::new(algorithms.flat_map(move |algorithm| {
-            self.seeds().map(move |seed| TrainingCase {
-                config: training_config(algorithm, self.options.steps, seed),
-                decisions: self.options.decisions,
+        let behaviours = self.experiment.behaviours().iter();
+        Box::new(behaviours.flat_map(move |&behaviour| {
+            self.seeds().filter_map(move |seed| {
+                Some(TrainingCase {
+                    config: training_of(behaviour, self.options.steps, seed)?,
+                    decisions: self.options.decisions,
+                })
             })
         }))
     }

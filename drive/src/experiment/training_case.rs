@@ -1,9 +1,7 @@
 use std::path::Path;
 
 use covista_planner::Reward;
-use covista_planner::learning::{
-    Algorithm, Hyperparameters, RoundReport, Sharing, Trainer, TrainingSettings,
-};
+use covista_planner::learning::{Hyperparameters, RoundReport, Sharing, Trainer, TrainingSettings};
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
@@ -20,20 +18,23 @@ pub(super) fn reward() -> Reward {
     }
 }
 
-/// How `algorithm` is trained where nothing else is said: as the shipped policies were, with
-/// episodes of `steps` behaviour steps if that is given. Only who learns what differs, that MADDPG
-/// has no safety filter, and that the monitor looks on where a promise is to be kept.
-pub fn training_config(algorithm: Algorithm, steps: Option<u64>, seed: u64) -> TrainingConfig {
+/// How the policy of `behaviour` is trained where nothing else is said, as the shipped ones were,
+/// with episodes of `steps` behaviour steps if that is given; `None` where nothing is learnt. Only
+/// who learns what differs, that MADDPG has no safety filter, and that the monitor looks on where a
+/// promise is to be kept.
+pub fn training_of(behaviour: Behaviour, steps: Option<u64>, seed: u64) -> Option<TrainingConfig> {
+    let algorithm = behaviour.algorithm()?;
     let mut environment = RingEnvironmentSettings {
-        watched: algorithm == Algorithm::SafeActorCritic,
+        sharing: behaviour.shares(),
+        watched: behaviour == Behaviour::Ours,
         reward: reward(),
         ..RingEnvironmentSettings::default()
     };
     environment.steps = steps.unwrap_or(environment.steps);
-    if !Behaviour::of(algorithm).is_filtered() {
+    if !behaviour.is_filtered() {
         environment.control.mode = ControlMode::Off;
     }
-    TrainingConfig {
+    Some(TrainingConfig {
         environments: 2,
         environment,
         training: TrainingSettings {
@@ -46,15 +47,7 @@ pub fn training_config(algorithm: Algorithm, steps: Option<u64>, seed: u64) -> T
             },
             seed,
         },
-    }
-}
-
-/// How the policy of `behaviour` is trained, where it is learnt.
-pub fn training_of(behaviour: Behaviour, steps: Option<u64>, seed: u64) -> Option<TrainingConfig> {
-    let mut config = training_config(behaviour.algorithm()?, steps, seed);
-    config.environment.sharing = behaviour.shares();
-    config.environment.watched = behaviour == Behaviour::Ours;
-    Some(config)
+    })
 }
 
 /// Of those who choose behaviours.
