@@ -125,8 +125,12 @@ fn retrain(behaviour: Behaviour, folder: &Path, options: &ExperimentOptions) -> 
     let Some(config) = training_of(behaviour, options.steps, TRAINING_SEED) else {
         return Ok(());
     };
-    let bar = bar(options.decisions, "decisions of the training");
-    let trainer = train(&config, options.decisions, &mut |trainer, _| {
+    let decisions = behaviour.decisions_as_long_as(options.decisions);
+    let bar = bar(
+        decisions,
+        &format!("decisions of the training of {}", behaviour.name()),
+    );
+    let trainer = train(&config, decisions, &mut |trainer, _| {
         bar.set_position(trainer.decisions());
     })?;
     bar.finish_and_clear();

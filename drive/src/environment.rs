@@ -46,7 +46,7 @@ const FRAME_STEPS: u64 = 10;
 pub(crate) const BEHAVIOUR_STEPS: u64 = 50;
 pub(crate) const BEHAVIOUR_S: f64 = 0.5;
 /// The same of who steers: no control input is good for 0.5 s.
-const STEERING_STEPS: u64 = 10;
+pub(crate) const STEERING_STEPS: u64 = 10;
 const STEERING_S: f64 = 0.1;
 
 /// CAVs and human drivers on the three-lane ring, in closed loop: what each CAV sees and is told,

@@ -40,8 +40,8 @@ pub use cause::Cause;
 pub use control_file::{ControlFileError, load_control_settings};
 pub use covista_control::{ControlSettings, Mode as ControlMode, Solver};
 pub use covista_planner::learning::{
-    Algorithm, EpisodeReport, Hyperparameters, LearningError, RoundReport, Sharing, TimedLearner,
-    Trainer, TrainingSettings, UpdateCost, UpdateSizes, update_cost,
+    Algorithm, EpisodeReport, Hyperparameters, LearningError, Objective, RoundReport, Sharing,
+    TimedLearner, Trainer, TrainingSettings, UpdateCost, UpdateSizes, update_cost,
 };
 pub use covista_sharing::{ChannelSettings, PoseNoise};
 pub use covista_traffic::{

@@ -33,6 +33,7 @@ mod benchmark;
 mod checkpoint;
 mod environment;
 mod error;
+mod exploration;
 mod features;
 mod hyperparameters;
 mod input_shares;
@@ -58,6 +59,7 @@ pub use benchmark::{TimedLearner, UpdateCost, UpdateSizes, update_cost};
 pub use checkpoint::{CheckpointHeader, Counts};
 pub use environment::{Environment, EnvironmentError, Options, Outcome, Shape};
 pub use error::LearningError;
+pub use exploration::Exploration;
 pub use features::{
     CapCount, FeatureEncoder, GLOBAL_FEATURES, InvalidFeatures, NEIGHBOUR_FEATURES, OWN_FEATURES,
 };
@@ -70,4 +72,4 @@ pub use policy_distribution::{any_of, mapped_best};
 pub use report::{EpisodeReport, RoundReport, UpdateReport};
 pub use situations::{Situation, SituationMut, Situations};
 pub use trainer::{Trainer, mixed};
-pub use training_settings::{Algorithm, Sharing, TrainingSettings};
+pub use training_settings::{Algorithm, Objective, Sharing, TrainingSettings};

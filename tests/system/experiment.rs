@@ -10,12 +10,13 @@ use tempfile::TempDir;
 
 use crate::binary::{assert_one_line_error, covista};
 
-const ALGORITHMS: [(&str, &str); 5] = [
+const ALGORITHMS: [(&str, &str); 6] = [
     ("ours", "safe-actor-critic"),
     ("unshared", "safe-actor-critic"),
     ("maddpg-mapped", "maddpg-mapped"),
     ("maddpg", "maddpg"),
     ("end-to-end", "end-to-end"),
+    ("end-to-end-unfiltered", "end-to-end"),
 ];
 
 /// `covista train` of a tiny network for two rounds, with more settings of the environment.
@@ -46,7 +47,12 @@ fn policies() -> &'static Path {
         for (name, algorithm) in ALGORITHMS {
             let out = folder.path().join(name);
             let sharing = format!("sharing = {}", name != "unshared");
-            train(algorithm, &out, &sharing);
+            let mode = match name {
+                "maddpg" | "end-to-end-unfiltered" => "off",
+                _ => "safe",
+            };
+            let how = format!("{sharing}\n[environment.control]\nmode = \"{mode}\"");
+            train(algorithm, &out, &how);
             fs::copy(out.join("policy.safetensors"), policy(folder.path(), name)).expect("copied");
         }
         folder
@@ -260,12 +266,13 @@ fn action_design_compares_behaviours_with_control_inputs() {
         assert!(said.contains(part), "no {part:?} in {said}");
     }
     let rows = rows(&out.path().join("action-design.json"));
-    let [ours, theirs] = [0, 1].map(|index| &rows[index]);
-    assert_eq!(
-        [&ours["algorithm"], &theirs["algorithm"]],
-        ["ours", "end-to-end"]
-    );
-    for row in &rows {
+    let names: Vec<_> = rows.iter().map(|row| &row["algorithm"]).collect();
+    assert_eq!(names, ["ours", "end-to-end", "end-to-end-unfiltered"]);
+    let [_, theirs, alone] = [0, 1, 2].map(|index| &rows[index]);
+    // What has learnt nothing is soon beside the road.
+    assert!(alone["time_s"].as_f64() <= Some(4.0), "{alone}");
+    assert_eq!(alone["filtered_share"], 0.0);
+    for row in &rows[..2] {
         let number = |name: &str| row[name].as_f64().expect("a number");
         assert!(number("heading_rate_rms_degps") > 0.0, "{row}");
         assert!((0.0..=3.0).contains(&number("cav_mean_comfort")), "{row}");

@@ -1,10 +1,12 @@
 use covista_planner::learning::{
-    ActionSet, Algorithm, LearnedPolicy, Situation, any_of, mapped_best, mixed,
+    ActionSet, Algorithm, Exploration, LearnedPolicy, Situation, any_of, mapped_best, mixed,
 };
 use covista_world::Action;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
+
+use crate::environment::{BEHAVIOUR_STEPS, STEERING_STEPS};
 
 /// Keeps the draws of [`Behaviour::RandomSafe`] apart from those of the traffic of the same seed.
 const DRAWS: u64 = 0x7A4D;
@@ -27,6 +29,8 @@ pub enum Behaviour {
     RandomSafe,
     /// The end-to-end variant: control inputs in place of behaviours, through the same filter.
     EndToEnd,
+    /// The same without the filter, as in the paper: it has the whole road.
+    EndToEndUnfiltered,
     /// Nobody: all vehicles are human drivers by IDM and gap acceptance.
     Idm,
 }
@@ -42,6 +46,7 @@ impl Behaviour {
             Self::KeepLane => "keep-lane",
             Self::RandomSafe => "random-safe",
             Self::EndToEnd => "end-to-end",
+            Self::EndToEndUnfiltered => "end-to-end-unfiltered",
             Self::Idm => "idm",
         }
     }
@@ -52,7 +57,7 @@ impl Behaviour {
             Self::Ours | Self::Unshared => Some(Algorithm::SafeActorCritic),
             Self::MaddpgMapped => Some(Algorithm::MaddpgMapped),
             Self::Maddpg => Some(Algorithm::Maddpg),
-            Self::EndToEnd => Some(Algorithm::EndToEnd),
+            Self::EndToEnd | Self::EndToEndUnfiltered => Some(Algorithm::EndToEnd),
             Self::KeepLane | Self::RandomSafe | Self::Idm => None,
         }
     }
@@ -67,9 +72,23 @@ impl Behaviour {
         }
     }
 
+    /// Its decisions in the time of so many behaviours.
+    pub fn decisions_as_long_as(self, behaviours: u64) -> u64 {
+        if self.algorithm().is_some_and(Algorithm::steers) {
+            behaviours * BEHAVIOUR_STEPS / STEERING_STEPS
+        } else {
+            behaviours
+        }
+    }
+
     /// Whether the safety filter acts on it.
     pub fn is_filtered(self) -> bool {
-        self != Self::Maddpg
+        !matches!(self, Self::Maddpg | Self::EndToEndUnfiltered)
+    }
+
+    /// Whether an episode on the loop ends where one of its CAVs leaves the road or touches another.
+    pub(super) fn may_leave_the_road(self) -> bool {
+        self == Self::EndToEndUnfiltered
     }
 
     /// Whether its CAVs tell each other what they see and do.
@@ -84,27 +103,51 @@ pub(super) enum Decider {
     Learned {
         policy: Box<LearnedPolicy>,
         is_mapped: bool,
+        exploring: Option<Box<(Exploration, ChaCha8Rng)>>,
     },
     KeepLane,
     Random(Box<ChaCha8Rng>),
 }
 
+/// Random numbers of those who decide, apart from those of the traffic of the same seed.
+fn draws(seed: u64) -> ChaCha8Rng {
+    ChaCha8Rng::seed_from_u64(mixed(seed, DRAWS))
+}
+
 impl Decider {
     /// Draws at random as `seed` has it.
     pub fn random(seed: u64) -> Self {
-        Self::Random(Box::new(ChaCha8Rng::seed_from_u64(mixed(seed, DRAWS))))
+        Self::Random(Box::new(draws(seed)))
     }
 
-    pub fn decide(&mut self, situation: &Situation<'_>) -> Action {
+    /// By a policy; with a seed it explores as in the last episodes of its training.
+    pub fn learned(policy: LearnedPolicy, is_mapped: bool, explores: Option<u64>) -> Self {
+        let exploration = Exploration::last(&policy.settings().hyperparameters);
+        Self::Learned {
+            policy: Box::new(policy),
+            is_mapped,
+            exploring: explores.map(|seed| Box::new((exploration, draws(seed)))),
+        }
+    }
+
+    pub fn decide(&mut self, agent: usize, situation: &Situation<'_>) -> Action {
         let safe = situation.options.safe;
         match self {
-            Self::Learned { policy, is_mapped } => {
+            Self::Learned {
+                policy,
+                is_mapped,
+                exploring,
+            } => {
                 let among = if *is_mapped {
                     safe
                 } else {
                     situation.options.legal
                 };
-                mapped_best(&policy.logits(situation), among)
+                let best = mapped_best(&policy.logits(situation), among);
+                match exploring.as_deref_mut() {
+                    Some((exploration, draws)) => exploration.choose(agent, best, among, draws),
+                    None => best,
+                }
             }
             Self::KeepLane => {
                 mapped_best(&[0.0; 3], safe.and(ActionSet::EMPTY.with(Action::KeepLane)))
@@ -120,7 +163,7 @@ mod tests {
     use covista_planner::learning::Options;
 
     fn decide(decider: &mut Decider, safe: &[Action]) -> Action {
-        decider.decide(&Situation {
+        let situation = Situation {
             own: &[],
             neighbours: &[],
             agents: &[],
@@ -128,7 +171,8 @@ mod tests {
                 legal: ActionSet::ALL,
                 safe: safe.iter().copied().collect(),
             },
-        })
+        };
+        decider.decide(0, &situation)
     }
 
     #[test]

@@ -26,6 +26,9 @@ pub struct LoopCase {
     pub policy_sha256: Option<String>,
     /// The traffic with its seed, the controller, the length of the episode.
     pub environment: RingEnvironmentSettings,
+    /// Whether a learned behaviour explores as in the last episodes of its training.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub explores: bool,
     /// Whether headways are kept over time.
     pub keeps_headways: bool,
     /// Whether it is measured how smoothly the CAVs drive.
@@ -135,8 +138,9 @@ impl Case {
                     RingPerception::Exact => "",
                     RingPerception::Statistical => "-statistical",
                 };
+                let exploring = if case.explores { "-exploring" } else { "" };
                 format!(
-                    "{}-cavs{:02}-rho{:.2}-seed{}{perception}",
+                    "{}{exploring}-cavs{:02}-rho{:.2}-seed{}{perception}",
                     case.behaviour.name(),
                     ring.cavs,
                     ring.density,

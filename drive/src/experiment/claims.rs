@@ -137,28 +137,34 @@ fn density(rows: &[Row]) -> Vec<Claim> {
 
 fn safety(rows: &[Row]) -> Vec<Claim> {
     let of = |algorithm, name| course(rows, algorithm, "density", name);
-    let most = |name| {
-        let all = of("ours", name).into_iter().map(|(_, spread)| spread.most);
+    let most = |algorithm, name| {
+        let all = of(algorithm, name)
+            .into_iter()
+            .map(|(_, spread)| spread.most);
         all.max_by(f64::total_cmp).unwrap_or(f64::NAN)
     };
-    let (unsafe_actions, unattributed) = (most("unsafe_actions"), most("violations_unattributed"));
-    let baseline = of("maddpg", "unsafe_actions");
+    let both = |name| [most("ours", name), most("ours, exploring", name)];
+    let none = |found: [f64; 2]| found.into_iter().all(|most| most < 0.5);
+    let told =
+        |[driving, exploring]: [f64; 2]| format!("{driving} at the most, exploring {exploring}");
+    let (unsafe_actions, unattributed) = (both("unsafe_actions"), both("violations_unattributed"));
+    let baseline = of("maddpg, exploring", "unsafe_actions");
     let least = baseline.iter().map(|(_, spread)| spread.least);
     let least = least.min_by(f64::total_cmp).unwrap_or(f64::NAN);
     let growth = rank_correlation(&means(&baseline)).unwrap_or(0.0);
     vec![
         claim(
             "ours takes no unsafe action at any density",
-            format!("{unsafe_actions} at the most"),
-            unsafe_actions < 0.5,
+            told(unsafe_actions),
+            none(unsafe_actions),
         ),
         claim(
             "ours has no violation without a broken assumption at any density",
-            format!("{unattributed} at the most"),
-            unattributed < 0.5,
+            told(unattributed),
+            none(unattributed),
         ),
         claim(
-            "MADDPG takes unsafe actions at every density",
+            "MADDPG takes unsafe actions at every density, exploring as at the end of its training",
             format!("{least} at the least"),
             least > 0.0,
         ),
@@ -250,11 +256,12 @@ fn action_design(rows: &[Row]) -> Vec<Claim> {
         spread.map_or(f64::NAN, |spread| spread.mean)
     };
     let smoother = ROUGHNESS.iter().map(|&(name, what)| {
-        let (ours, theirs) = (mean("ours", name), mean("end-to-end", name));
+        let [ours, filtered, alone] =
+            ["ours", "end-to-end", "end-to-end-unfiltered"].map(|of| mean(of, name));
         claim(
             format!("{what}: less with behaviours and a controller than end to end"),
-            format!("{ours:.3} against {theirs:.3}"),
-            ours < theirs,
+            format!("{ours:.3} against {filtered:.3} behind the filter and {alone:.3} without it"),
+            ours < filtered && ours < alone,
         )
     });
     let unattributed = |algorithm| {
@@ -348,12 +355,12 @@ mod tests {
     #[test]
     fn one_unsafe_action_breaks_the_claim_and_none_of_maddpg_too() {
         let table = |ours: f64, theirs: [f64; 3]| {
-            let mut of = vec![("ours", 0.1, ours)];
+            let mut of = vec![("ours", 0.1, 0.0), ("ours, exploring", 0.1, ours)];
             of.extend(
                 [0.1, 0.2, 0.3]
                     .into_iter()
                     .zip(theirs)
-                    .map(|(rho, n)| ("maddpg", rho, n)),
+                    .map(|(rho, n)| ("maddpg, exploring", rho, n)),
             );
             let [none, _, some, more] = safety(&rows("unsafe_actions", "density", &of))
                 .try_into()

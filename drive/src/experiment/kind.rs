@@ -67,7 +67,11 @@ impl Experiment {
             Self::Safety | Self::Headway | Self::EpisodeReward => {
                 &[Behaviour::Ours, Behaviour::Maddpg]
             }
-            Self::ActionDesign => &[Behaviour::Ours, Behaviour::EndToEnd],
+            Self::ActionDesign => &[
+                Behaviour::Ours,
+                Behaviour::EndToEnd,
+                Behaviour::EndToEndUnfiltered,
+            ],
             Self::ObstacleAtCorner | Self::Truncation => &[],
         }
     }

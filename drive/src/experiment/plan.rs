@@ -21,7 +21,7 @@ const SCENARIO: &str = "obstacle-at-corner";
 /// Vehicles of the games whose global Q is computed: 2^10 joint states with 2^10 joint actions.
 const RING_VEHICLES: usize = 10;
 /// gamma: a short sight, the paper's, and that of the shipped policies.
-const DISCOUNTS: [f64; 3] = [0.5, 0.9, 0.97];
+const DISCOUNTS: [f64; 3] = [0.5, 0.9, 0.99];
 
 /// What may be chosen about an experiment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -101,23 +101,27 @@ impl Plan {
                     let of = move |cavs| self.loops(behaviour, cavs, density, STEPS);
                     ratios.clone().flat_map(of)
                 });
-                humans.chain(mixed).collect()
+                humans.chain(mixed).map(Case::Loop).collect()
             }
-            Experiment::Density | Experiment::Safety => {
-                let by_density = behaviours.iter().flat_map(|&behaviour| {
-                    densities().flat_map(move |rho| self.loops(behaviour, CAVS, rho, STEPS))
+            Experiment::Density => self.by_density().map(Case::Loop).collect(),
+            Experiment::Safety => {
+                let exploring = self.by_density().map(|case| LoopCase {
+                    explores: true,
+                    ..case
                 });
-                by_density.collect()
+                self.by_density().chain(exploring).map(Case::Loop).collect()
             }
             Experiment::Headway => {
                 let all = behaviours.iter();
                 all.flat_map(|&behaviour| self.loops(behaviour, CAVS, 0.6, HEADWAY_STEPS))
+                    .map(Case::Loop)
                     .collect()
             }
             Experiment::ActionDesign => {
                 let all = behaviours.iter();
                 let density = RingSettings::default().density;
                 all.flat_map(|&behaviour| self.loops(behaviour, CAVS, density, STEPS))
+                    .map(Case::Loop)
                     .collect()
             }
             Experiment::EpisodeReward => self.trainings_made().map(Case::Training).collect(),
@@ -130,16 +134,23 @@ impl Plan {
         self.options.seeds.first..=self.options.seeds.last
     }
 
+    fn by_density(&self) -> impl Iterator<Item = LoopCase> + '_ {
+        let behaviours = self.experiment.behaviours().iter();
+        behaviours.flat_map(move |&behaviour| {
+            densities().flat_map(move |rho| self.loops(behaviour, CAVS, rho, STEPS))
+        })
+    }
+
     fn loops(
         &self,
         behaviour: Behaviour,
         cavs: usize,
         density: f64,
         steps: u64,
-    ) -> impl Iterator<Item = Case> + '_ {
+    ) -> impl Iterator<Item = LoopCase> + '_ {
         let mut environment = RingEnvironmentSettings {
             steps: self.options.steps.unwrap_or(steps),
-            ends_at_collision: false,
+            ends_at_collision: behaviour.may_leave_the_road(),
             watched: matches!(
                 self.experiment,
                 Experiment::Safety | Experiment::ActionDesign
@@ -161,13 +172,14 @@ impl Plan {
         self.seeds().map(move |seed| {
             let mut environment = environment;
             environment.ring.seed = seed;
-            Case::Loop(LoopCase {
+            LoopCase {
                 behaviour,
                 policy_sha256: policy_sha256.clone(),
                 environment,
+                explores: false,
                 keeps_headways: self.experiment == Experiment::Headway,
                 keeps_motion: self.experiment == Experiment::ActionDesign,
-            })
+            }
         })
     }
 
@@ -280,7 +292,7 @@ mod tests {
     fn every_case_has_a_name_of_its_own() {
         for (experiment, count) in Experiment::ALL
             .into_iter()
-            .zip([155, 135, 90, 10, 10, 10, 10, 18])
+            .zip([155, 135, 180, 10, 10, 15, 10, 18])
         {
             let cases = plan(experiment).cases().expect("cases");
             let mut names: Vec<_> = cases.iter().map(Case::name).collect();

@@ -64,6 +64,18 @@ impl Policies {
                     behaviour.name()
                 )));
             }
+            let mode = policy.environment()["control"]["mode"].as_str();
+            if mode.is_some_and(|mode| (mode == "off") == behaviour.is_filtered()) {
+                let how = if behaviour.is_filtered() {
+                    "without"
+                } else {
+                    "with"
+                };
+                return Err(unfit(format!(
+                    "was trained {how} the safety filter, {} is not",
+                    behaviour.name()
+                )));
+            }
             if trained.sharing != Sharing::Shared {
                 return Err(unfit("has networks for each CAV, not one for all".into()));
             }

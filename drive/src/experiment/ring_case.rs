@@ -16,12 +16,13 @@ pub(super) fn drive(case: &LoopCase, policies: &Policies) -> Result<LoopFigures,
     let shape = environment.shape();
     let mut decider = match case.behaviour {
         Behaviour::Ours | Behaviour::Unshared | Behaviour::MaddpgMapped | Behaviour::Maddpg => {
-            Decider::Learned {
-                policy: Box::new(policies.get(case.behaviour, shape)?),
-                is_mapped: case.behaviour.is_filtered(),
-            }
+            let policy = policies.get(case.behaviour, shape)?;
+            let explores = case.explores.then_some(settings.ring.seed);
+            Decider::learned(policy, case.behaviour.is_filtered(), explores)
         }
-        Behaviour::EndToEnd => return drive_end_to_end(case, environment, policies),
+        Behaviour::EndToEnd | Behaviour::EndToEndUnfiltered => {
+            return drive_end_to_end(case, environment, policies);
+        }
         Behaviour::RandomSafe => Decider::random(settings.ring.seed),
         Behaviour::KeepLane | Behaviour::Idm => Decider::KeepLane,
     };
@@ -34,7 +35,8 @@ pub(super) fn drive(case: &LoopCase, policies: &Policies) -> Result<LoopFigures,
     }
     while !outcome.is_over {
         actions.clear();
-        actions.extend((0..shape.agents).map(|agent| decider.decide(&situations.get(agent))));
+        actions
+            .extend((0..shape.agents).map(|agent| decider.decide(agent, &situations.get(agent))));
         outcome.clear();
         situations.clear();
         environment.step(&actions, &mut outcome, &mut situations)?;

@@ -153,7 +153,7 @@ pub(super) fn prepared(
         algorithm,
         sharing: Sharing::Independent,
         hyperparameters,
-        seed: 0,
+        ..TrainingSettings::default()
     };
     let plan = Plan::new(shape, &settings);
     let (mut learner, workspace) = (plan.learner(0), plan.workspace());

@@ -5,10 +5,11 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::batch::BatchShape;
+use super::exploration::Exploration;
 use super::input_shares::INPUTS;
 use super::network::{Buffers, Network};
 use super::nn::{Adam, clip_to_norm, norm, soft_update};
-use super::policy_distribution::{any_of, mapped_best, mapped_distribution, objective_gradient};
+use super::policy_distribution::{mapped_best, mapped_distribution, objective_gradient};
 use super::replay::{Minibatch, ReplayBuffer};
 use super::{ACTIONS, CHOICES, Hyperparameters, InputShares, LearningError, Situation};
 
@@ -78,10 +79,9 @@ pub(super) struct Learner {
     pub decisions: u64,
     settings: Hyperparameters,
     draws: ChaCha8Rng,
-    /// For each situation that it decides in: for how many decisions more it repeats itself.
-    bursts: Vec<u32>,
-    /// What exploration adds to each control input.
-    noise: Vec<InputShares>,
+    exploration: Exploration,
+    /// What exploration adds to each control input, and for how many decisions more.
+    noise: Vec<(u32, InputShares)>,
 }
 
 /// What an update writes; any learner of the same sizes may use it.
@@ -134,9 +134,9 @@ impl Learner {
             replay,
             updates: 0,
             decisions: 0,
+            exploration: Exploration::after(0, &settings),
             settings,
             draws,
-            bursts: Vec::new(),
             noise: Vec::new(),
         }
     }
@@ -146,11 +146,12 @@ impl Learner {
     pub fn reseed(&mut self, seed: u64) {
         self.draws = ChaCha8Rng::seed_from_u64(seed);
         self.draws.set_stream(self.index as u64);
-        self.bursts.fill(0);
+        self.exploration.stop();
+        self.noise.iter_mut().for_each(|(left, _)| *left = 0);
     }
 
     /// Decides for each situation, exploring or not: epsilon-greedy within the options that it is
-    /// given as safe. `actions` has those of the step before, which exploration may repeat.
+    /// given as safe.
     pub fn act<'s>(
         &mut self,
         situation: impl Fn(usize) -> Situation<'s>,
@@ -158,10 +159,7 @@ impl Learner {
         workspace: &mut Workspace,
         actions: &mut [Action],
     ) {
-        let begins = self.settings.exploration_begins(self.decisions);
-        if explores {
-            self.bursts.resize(actions.len(), 0);
-        }
+        self.exploration.fade(self.decisions, &self.settings);
         let most = workspace.minibatch.now.shape().rows;
         let batch = &mut workspace.minibatch.now;
         for (chunk, actions) in actions.chunks_mut(most).enumerate() {
@@ -173,21 +171,11 @@ impl Learner {
                     .forward(&self.actor.weights, batch, &mut workspace.actor);
             for (row, logits) in logits.chunks_exact(CHOICES).enumerate() {
                 let item = batch.order[row];
-                let best = mapped_best(logits, batch.safe[row]);
+                let safe = batch.safe[row];
+                let best = mapped_best(logits, safe);
                 actions[item] = if explores {
-                    let burst = &mut self.bursts[chunk * most + item];
-                    let before = (*burst > 0).then_some(actions[item]);
-                    let safe = batch.safe[row];
-                    if let Some(before) = before.filter(|before| safe.contains(*before)) {
-                        *burst -= 1;
-                        before
-                    } else if self.draws.random::<f32>() < begins {
-                        *burst = self.settings.exploration_steps - 1;
-                        any_of(safe, &mut self.draws)
-                    } else {
-                        *burst = 0;
-                        best
-                    }
+                    let agent = chunk * most + item;
+                    (self.exploration).choose(agent, best, safe, &mut self.draws)
                 } else {
                     best
                 };

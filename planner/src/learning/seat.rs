@@ -4,7 +4,7 @@ use super::arena::{Arena, Phase};
 use super::kept_action::KeptAction;
 use super::learner::{Learner, Losses, Workspace};
 use super::replay::{FrameId, ReplayBuffer};
-use super::{InputShares, LearningError, Shape, Sharing, Situations, TrainingSettings};
+use super::{InputShares, LearningError, Objective, Shape, Sharing, Situations, TrainingSettings};
 
 /// A learner with what it is about in this step.
 pub(super) struct Seat {
@@ -124,8 +124,9 @@ impl Seat {
             }
             if let (Some(before), true) = (self.before[item], arena.phase != Phase::Done) {
                 let outcome = &arena.outcome;
-                let reward = (settings.hyperparameters)
-                    .learnt_reward(outcome.rewards[agent], outcome.terminated[agent]);
+                let brought = brought(arena, agent, settings.objective);
+                let reward =
+                    (settings.hyperparameters).learnt_reward(brought, outcome.terminated[agent]);
                 replay.complete(agent, before, reward, self.now[item])?;
             }
         }
@@ -137,6 +138,22 @@ impl Seat {
             }
         }
         Ok(())
+    }
+}
+
+/// What the newest step brought `agent`.
+fn brought(arena: &Arena, agent: usize, objective: Objective) -> f32 {
+    let rewards = &arena.outcome.rewards;
+    match objective {
+        Objective::Own => rewards[agent],
+        Objective::Neighbourhood => {
+            let neighbours = arena.situations.get(agent).agents.iter().flatten();
+            let all = neighbours.map(|&other| rewards[other as usize]);
+            let (sum, count) = all.fold((rewards[agent], 1.0), |(sum, count), reward| {
+                (sum + reward, count + 1.0)
+            });
+            sum / count
+        }
     }
 }
 

@@ -43,6 +43,18 @@ pub enum Sharing {
     Shared,
 }
 
+/// What an agent learns to make large.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Objective {
+    /// Its own reward r^i, as Alg. 2 is written.
+    Own,
+    /// The mean reward of itself and of the CAVs among its neighbours. The paper's objective is the
+    /// mean over all, G; its gradient by a policy is that of all Q^j, of which by Theorem 2 those of
+    /// the neighbourhood are the ones that the policy's actions reach.
+    Neighbourhood,
+}
+
 /// What to train and how.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -51,6 +63,8 @@ pub struct TrainingSettings {
     pub algorithm: Algorithm,
     /// Who learns.
     pub sharing: Sharing,
+    /// What it learns for.
+    pub objective: Objective,
     /// How it learns.
     pub hyperparameters: Hyperparameters,
     /// Of all random numbers.
@@ -62,6 +76,7 @@ impl Default for TrainingSettings {
         Self {
             algorithm: Algorithm::SafeActorCritic,
             sharing: Sharing::Independent,
+            objective: Objective::Own,
             hyperparameters: Hyperparameters::default(),
             seed: 0,
         }

@@ -60,6 +60,12 @@ pub(super) fn action_design(loops: &Loops<'_>) -> Results {
                     m.lane_changes_per_km
                 }),
                 quantity(
+                    ("time_s", "driven, s", 1),
+                    &runs,
+                    |run| Some(run.time_s),
+                    None,
+                ),
+                quantity(
                     ("cav_mean_velocity_mps", "velocity of CAVs, m/s", 2),
                     &runs,
                     |run| run.cav_mean_velocity_mps,
@@ -107,6 +113,7 @@ pub(super) fn action_design(loops: &Loops<'_>) -> Results {
         notes: vec![
             "Of the CAVs, relative to the line along the road, as means over 0.1 s. A steering reversal is a turn back by more than 2 degrees at the steering wheel (ratio 15). The way to the side is less the width of the lanes that were changed.".into(),
             "The picture has the first kilometre of the CAV that moved most to the side, with the first seed. Lanes are 3.5 m wide.".into(),
+            "Without the filter an episode ends where a CAV leaves the road or touches another vehicle.".into(),
             "Comfort is the paper's: the end-to-end variant has no lane changes to announce, so that standing on a line counts as one.".into(),
         ],
         rows,

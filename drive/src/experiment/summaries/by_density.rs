@@ -1,4 +1,4 @@
-use super::{Loops, algorithm, by_key, collisions, quantity, unsafe_actions};
+use super::{Loops, by_key, collisions, quantity, unsafe_actions};
 use crate::{
     RingSafety,
     experiment::{
@@ -7,40 +7,61 @@ use crate::{
     },
 };
 
-/// The runs of a behaviour at a density.
-fn at_density<'a>(loops: &Loops<'a>, behaviour: Behaviour, density: f64) -> Vec<&'a LoopFigures> {
+/// The runs of a behaviour at a density, those that explore or the others.
+fn at_density<'a>(
+    loops: &Loops<'a>,
+    behaviour: Behaviour,
+    explores: bool,
+    density: f64,
+) -> Vec<&'a LoopFigures> {
     let is_of = |case: &LoopCase| {
-        case.behaviour == behaviour && (case.environment.ring.density - density).abs() < 1e-9
+        case.behaviour == behaviour
+            && case.explores == explores
+            && (case.environment.ring.density - density).abs() < 1e-9
     };
     let runs = loops.iter().filter(|(case, _)| is_of(case));
     runs.map(|(_, figures)| *figures).collect()
 }
 
-/// A row for each behaviour and density of which there are runs.
+/// A row for each behaviour and density of which there are runs, after them those that explore.
 fn by_density(
     loops: &Loops<'_>,
     experiment: Experiment,
-    quantities: impl Fn(Behaviour, usize, &[&LoopFigures]) -> Vec<Quantity>,
+    quantities: impl Fn(Option<f64>, &[&LoopFigures]) -> Vec<Quantity>,
 ) -> Vec<Row> {
     let mut rows = Vec::new();
-    for &behaviour in experiment.behaviours() {
-        for (index, rho) in densities().enumerate() {
-            let runs = at_density(loops, behaviour, rho);
-            if !runs.is_empty() {
-                rows.push(Row {
-                    keys: vec![algorithm(behaviour), ("density", Key::Number(rho))],
-                    seeds: runs.len(),
-                    quantities: quantities(behaviour, index, &runs),
-                });
+    for explores in [false, true] {
+        for &behaviour in experiment.behaviours() {
+            for (index, rho) in densities().enumerate() {
+                let runs = at_density(loops, behaviour, explores, rho);
+                if !runs.is_empty() {
+                    let paper = paper_unsafe(behaviour, explores, index);
+                    rows.push(Row {
+                        keys: vec![driver(behaviour, explores), ("density", Key::Number(rho))],
+                        seeds: runs.len(),
+                        quantities: quantities(paper, &runs),
+                    });
+                }
             }
         }
     }
     rows
 }
 
+/// The paper counts in the last episodes of its training.
+fn paper_unsafe(behaviour: Behaviour, explores: bool, index: usize) -> Option<f64> {
+    explores.then(|| paper::unsafe_actions(behaviour, index))?
+}
+
+fn driver(behaviour: Behaviour, explores: bool) -> (&'static str, Key) {
+    let exploring = if explores { ", exploring" } else { "" };
+    let name = format!("{}{exploring}", behaviour.name());
+    ("algorithm", Key::Text(name))
+}
+
 /// Flow and comfort by density.
 pub(super) fn density(loops: &Loops<'_>) -> Results {
-    let rows = by_density(loops, Experiment::Density, |_, _, runs| {
+    let rows = by_density(loops, Experiment::Density, |_, runs| {
         vec![
             quantity(
                 ("flow", "flow rho v, m/s", 3),
@@ -91,9 +112,9 @@ pub(super) fn safety(loops: &Loops<'_>) -> Results {
     let watched = |of: fn(&RingSafety) -> usize| {
         move |run: &LoopFigures| run.safety.as_ref().map(|safety| of(safety) as f64)
     };
-    let rows = by_density(loops, Experiment::Safety, |behaviour, index, runs| {
+    let rows = by_density(loops, Experiment::Safety, |paper_unsafe, runs| {
         vec![
-            unsafe_actions(runs, paper::unsafe_actions(behaviour, index)),
+            unsafe_actions(runs, paper_unsafe),
             quantity(
                 ("decisions", "decisions", 0),
                 runs,
@@ -146,7 +167,7 @@ pub(super) fn safety(loops: &Loops<'_>) -> Results {
             "decisions",
         )],
         notes: vec![
-            "An action is unsafe when the filter's verdict on it, at the moment of the decision, is unsafe. Counts are of one episode; the paper's are of its last ten, each of up to 40,000 steps.".into(),
+            "An action is unsafe when the filter's verdict on it, at the moment of the decision, is unsafe. Counts are of one episode. Those who explore take a random action in place of their own as often as at the end of their training, ours a safe one: the paper's counts are of the last ten episodes of its training, each of up to 40,000 steps.".into(),
         ],
         rows,
         claims: Vec::new(),

@@ -19,8 +19,7 @@ impl Learner {
     ) {
         let deviation = self.settings.exploration(self.decisions);
         if explores {
-            self.bursts.resize(inputs.len(), 0);
-            self.noise.resize(inputs.len(), InputShares::default());
+            self.noise.resize(inputs.len(), (0, InputShares::default()));
         }
         let most = workspace.minibatch.now.shape().rows;
         let batch = &mut workspace.minibatch.now;
@@ -35,14 +34,12 @@ impl Learner {
             }
         }
         if explores {
-            for ((input, noise), burst) in
-                (inputs.iter_mut().zip(&mut self.noise)).zip(&mut self.bursts)
-            {
-                if *burst == 0 {
-                    *burst = self.settings.exploration_steps;
+            for (input, (left, noise)) in inputs.iter_mut().zip(&mut self.noise) {
+                if *left == 0 {
+                    *left = self.settings.exploration_steps;
                     *noise = gaussian(&mut self.draws);
                 }
-                *burst -= 1;
+                *left -= 1;
                 for (share, noise) in input.iter_mut().zip(noise) {
                     *share = (*share + deviation * *noise).clamp(-1.0, 1.0);
                 }

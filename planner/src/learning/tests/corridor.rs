@@ -156,6 +156,7 @@ pub(super) fn settings(algorithm: Algorithm, sharing: Sharing) -> TrainingSettin
         sharing,
         hyperparameters: small(),
         seed: 7,
+        ..TrainingSettings::default()
     }
 }
 
