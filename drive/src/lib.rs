@@ -20,6 +20,7 @@ mod excuse;
 mod experiment;
 mod monitor;
 mod networked;
+mod networks;
 mod recorded;
 mod run;
 mod senses;
@@ -69,6 +70,7 @@ pub use experiment::{
 };
 pub use monitor::{CavView, Distributions, Histogram, Monitor, PlacedTrack, TrueBarriers};
 pub use networked::{InvalidDiscount, TruncationErrors};
+pub use networks::Networks;
 pub use recorded::{FittedPicture, Lacking, RecordedError, calibration_of};
 pub use run::{RunConfig, RunError, run};
 pub use senses::Senses;

@@ -1,4 +1,5 @@
 use covista_control::{Neighbour, RoadProfile, SafetySettings};
+use covista_perception::PerceiveError;
 use covista_planner::{self as planner, InvalidObservation, Observation, OwnMotion};
 use covista_traffic::Ring;
 use covista_world::{LaneIndex, Track};
@@ -16,6 +17,9 @@ pub enum RingPerception {
     /// By tracks of percepts and messages, with the networks' errors as drawn from the fitted
     /// model.
     Statistical,
+    /// By tracks of percepts and messages, with both networks on the rendered picture and sweep of
+    /// each CAV; needs [`Networks`](crate::Networks).
+    Network,
 }
 
 impl RingPerception {
@@ -49,7 +53,10 @@ impl Frame<'_> {
 /// What the CAVs of a ring know of the others.
 pub(super) trait Knowledge: Send {
     /// Takes a frame up.
-    fn frame(&mut self, frame: &Frame<'_>);
+    ///
+    /// # Errors
+    /// When a network fails.
+    fn frame(&mut self, frame: &Frame<'_>) -> Result<(), PerceiveError>;
 
     /// Whether CAV `index` knows of `body`, at the image nearest to it, in `lane`.
     fn knows(&self, index: usize, lane: LaneIndex, body: &Shape) -> bool;

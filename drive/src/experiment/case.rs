@@ -1,3 +1,5 @@
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
 use super::Behaviour;
@@ -24,6 +26,9 @@ pub struct LoopCase {
     pub behaviour: Behaviour,
     /// SHA-256 of the policy's file, where the behaviour is learnt.
     pub policy_sha256: Option<String>,
+    /// SHA-256 of the networks by their ids, where percepts come from them.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub networks: BTreeMap<String, String>,
     /// The traffic with its seed, the controller, the length of the episode.
     pub environment: RingEnvironmentSettings,
     /// Whether headways are kept over time.
@@ -41,6 +46,8 @@ pub enum Percepts {
     Truth,
     /// With the networks' errors, as drawn from the fitted model.
     Statistical,
+    /// By the networks, on rendered pictures and sweeps.
+    Network,
 }
 
 impl Percepts {
@@ -49,6 +56,7 @@ impl Percepts {
         match self {
             Self::Truth => RingPerception::Exact,
             Self::Statistical => RingPerception::Statistical,
+            Self::Network => RingPerception::Network,
         }
     }
 }
@@ -60,6 +68,9 @@ pub struct SceneCase {
     pub scenario: String,
     /// Where percepts come from.
     pub percepts: Percepts,
+    /// SHA-256 of the networks by their ids, where percepts come from them.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub networks: BTreeMap<String, String>,
     /// Whether CAVs share what they see.
     pub sharing: bool,
     /// Seed of everything random.
@@ -134,6 +145,7 @@ impl Case {
                 let perception = match case.environment.perception {
                     RingPerception::Exact => "",
                     RingPerception::Statistical => "-statistical",
+                    RingPerception::Network => "-network",
                 };
                 format!(
                     "{}-cavs{:02}-rho{:.2}-seed{}{perception}",
