@@ -321,7 +321,10 @@ impl RingEnvironment {
         })?;
         for (index, cav) in self.cavs.iter_mut().enumerate() {
             let knows = |lane, body: &_| self.knowledge.knows(index, lane, body);
-            let seen = self.sights.free(index, time_s, road, safety, knows);
+            let pose = cav.state.pose;
+            let seen = (self.knowledge)
+                .sight(index, pose, road, time_s, safety)
+                .unwrap_or_else(|| self.sights.free(index, time_s, road, safety, knows));
             cav.sight.update(&seen, time_s, safety);
         }
         if let Some(watch) = &mut self.watch {

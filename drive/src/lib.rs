@@ -18,6 +18,7 @@ mod environment;
 mod evaluate;
 mod excuse;
 mod experiment;
+mod free_lanes;
 mod monitor;
 mod networked;
 mod networks;

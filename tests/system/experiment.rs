@@ -378,7 +378,10 @@ fn percepts_may_come_from_the_networks() {
         assert_eq!(hash.len(), 64, "{name}");
     }
     let text = fs::read_to_string(out.path().join("obstacle-at-corner.md")).expect("a document");
-    assert!(text.contains("perception by networks, pointpillars "), "{text}");
+    assert!(
+        text.contains("perception by networks, pointpillars "),
+        "{text}"
+    );
 
     let nowhere = out.path().join("nowhere");
     let mut refused = learned("headway", out.path(), &options);

@@ -3,12 +3,14 @@ mod rendered;
 
 use std::borrow::Cow;
 
-use covista_control::{Measured, Neighbour, RoadProfile, SafetySettings};
+use covista_control::{Measured, Neighbour, RoadProfile, SafetySettings, SightLine};
 use covista_perception::PerceiveError;
 use covista_planner::{self as planner, InvalidObservation};
 use covista_sharing::{OwnState, Tracker, TrackerSettings};
 use covista_traffic::Ring;
-use covista_world::{Calibration, CollectivePerceptionMessage, LaneIndex, Percept, Se2Pose, Track};
+use covista_world::{
+    Calibration, CollectivePerceptionMessage, LaneIndex, Percept, Road, Se2Pose, Track,
+};
 use nalgebra::Vector2;
 
 use super::{
@@ -16,6 +18,7 @@ use super::{
     perception::{Frame, Knowledge, on_road},
     view::Shape,
 };
+use crate::free_lanes::seen_free;
 pub(super) use drawn::Drawn;
 pub(super) use rendered::Rendered;
 
@@ -126,6 +129,30 @@ impl Knowledge for Perceived {
         }
         self.carry_on(frame.profile, frame.ring.time_s(), frame.safety);
         Ok(())
+    }
+
+    fn sight(
+        &self,
+        index: usize,
+        pose: Se2Pose,
+        road: &Road,
+        time_s: f64,
+        safety: &SafetySettings,
+    ) -> Option<SightLine> {
+        let Eyes::Network(rendered) = &self.eyes else {
+            return None;
+        };
+        let (space, known) = (rendered.free_space(index)?, &self.minds[index].neighbours);
+        let calibration = &self.calibration;
+        Some(seen_free(
+            space,
+            pose,
+            calibration,
+            known,
+            road,
+            time_s,
+            safety,
+        ))
     }
 
     fn knows(&self, index: usize, lane: LaneIndex, body: &Shape) -> bool {

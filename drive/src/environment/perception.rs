@@ -1,8 +1,8 @@
-use covista_control::{Neighbour, RoadProfile, SafetySettings};
+use covista_control::{Neighbour, RoadProfile, SafetySettings, SightLine};
 use covista_perception::PerceiveError;
 use covista_planner::{self as planner, InvalidObservation, Observation, OwnMotion};
 use covista_traffic::Ring;
-use covista_world::{LaneIndex, Track};
+use covista_world::{LaneIndex, Road, Se2Pose, Track};
 use serde::{Deserialize, Serialize};
 
 use super::{cav::RingCav, sights::Sights, view::Shape};
@@ -57,6 +57,18 @@ pub(super) trait Knowledge: Send {
     /// # Errors
     /// When a network fails.
     fn frame(&mut self, frame: &Frame<'_>) -> Result<(), PerceiveError>;
+
+    /// How far CAV `index` at `pose` sees each lane free by its sweep, where it has one.
+    fn sight(
+        &self,
+        _index: usize,
+        _pose: Se2Pose,
+        _road: &Road,
+        _time_s: f64,
+        _safety: &SafetySettings,
+    ) -> Option<SightLine> {
+        None
+    }
 
     /// Whether CAV `index` knows of `body`, at the image nearest to it, in `lane`.
     fn knows(&self, index: usize, lane: LaneIndex, body: &Shape) -> bool;

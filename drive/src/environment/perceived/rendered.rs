@@ -1,6 +1,6 @@
-use covista_perception::PerceiveError;
+use covista_perception::{FramePercepts, PerceiveError};
 use covista_sensors::{Lidar, RayScene, Viewpoint};
-use covista_world::{Calibration, Percept};
+use covista_world::{Calibration, FreeSpace, Percept};
 use rayon::prelude::*;
 
 use super::super::perception::Frame;
@@ -11,6 +11,8 @@ use crate::{Networks, senses::measure};
 pub(crate) struct Rendered {
     networks: Networks,
     lidar: Lidar,
+    /// Of each CAV, as of the newest frame.
+    free_spaces: Vec<FreeSpace>,
 }
 
 impl Rendered {
@@ -19,7 +21,13 @@ impl Rendered {
         Self {
             networks,
             lidar: Lidar::hdl64e(),
+            free_spaces: Vec::new(),
         }
+    }
+
+    /// How far the sweep of CAV `index` reached.
+    pub fn free_space(&self, index: usize) -> Option<&FreeSpace> {
+        self.free_spaces.get(index)
     }
 
     /// Every CAV looks, on all threads: `percepts` are those of each.
@@ -27,16 +35,20 @@ impl Rendered {
     /// # Errors
     /// When a network fails.
     pub fn look(
-        &self,
+        &mut self,
         frame: &Frame<'_>,
         calibration: &Calibration,
         percepts: &mut [Vec<Percept>],
     ) -> Result<(), PerceiveError> {
-        let looks = percepts.par_iter_mut().enumerate();
-        looks.try_for_each(|(index, percepts)| {
-            *percepts = self.look_from(index, frame, calibration)?;
-            Ok(())
-        })
+        let looks = (0..percepts.len()).into_par_iter();
+        let found = looks.map(|index| self.look_from(index, frame, calibration));
+        let found = found.collect::<Result<Vec<_>, _>>()?;
+        self.free_spaces.clear();
+        for (percepts, found) in percepts.iter_mut().zip(found) {
+            *percepts = found.percepts;
+            self.free_spaces.push(found.free_space);
+        }
+        Ok(())
     }
 
     /// CAV `index` looks at everybody's images nearest to it.
@@ -45,7 +57,7 @@ impl Rendered {
         index: usize,
         frame: &Frame<'_>,
         calibration: &Calibration,
-    ) -> Result<Vec<Percept>, PerceiveError> {
+    ) -> Result<FramePercepts, PerceiveError> {
         let ([eye_s_m, _], _) = frame.sights.about(index);
         let scene = frame.ring.scene_near(eye_s_m);
         let view = Viewpoint {
@@ -55,7 +67,7 @@ impl Rendered {
             calibration,
         };
         let measured = measure(&view, &self.lidar, frame.ring.settings().seed);
-        Ok(self.networks.perceive(&measured, calibration)?.percepts)
+        self.networks.perceive(&measured, calibration)
     }
 }
 
