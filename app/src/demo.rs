@@ -5,14 +5,14 @@ use covista_drive::{
     ChannelSettings, ControlMode, ControlSettings, RunConfig, RunSummary, Scenario, Senses,
     Snapshot, TRACE_HEADER, VehicleKind, load_control_settings, run,
 };
-use covista_perception::{Perceiver, Provider};
+use covista_perception::Provider;
 use covista_viewer::{open_viewer, plot_speeds, plot_trajectories};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use crate::{
     cli::{DemoArgs, ModeArg, PerceptionArg, ProviderArg, SharingArg},
-    frames::{error_model, network_hashes, perceivers},
+    frames::{error_model, network_hashes, networks},
     output::{prepare_file, prepare_folder, say, write_json, write_whole},
     record::{Recorded, Recorder},
     replay::{self, is_recorded},
@@ -223,9 +223,9 @@ pub fn source(
             }
         }
         PerceptionArg::Network => {
-            let networks = perceivers(models, cavs, provider)?;
+            let networks = networks(models, cavs, provider)?;
             Source {
-                provider: networks.first().map(Perceiver::provider),
+                provider: Some(networks.provider()),
                 senses: Senses::Network(networks),
                 models: network_hashes(models)?,
             }

@@ -4,6 +4,7 @@ mod document;
 mod store;
 
 use std::{
+    collections::BTreeMap,
     num::NonZeroU64,
     path::{Path, PathBuf},
 };
@@ -20,7 +21,8 @@ pub use document::{Document, claims_table, pictures, table};
 pub use store::Store;
 
 use crate::{
-    cli::{ExperimentArgs, PerceptArg, Shard},
+    cli::{ExperimentArgs, PerceptionArg, ProviderArg, Shard},
+    frames::{network_hashes, networks},
     output::{models_folder, prepare_file, prepare_folder, say, write_json},
 };
 
@@ -46,29 +48,52 @@ pub fn run(args: &ExperimentArgs) -> anyhow::Result<()> {
     }
     let options = options(args);
     let policies = policies(args, &options)?;
-    let plan = Plan::new(experiment, options, &policies, trainings)?;
+    let (models, is_networks) = (
+        args.models.as_deref(),
+        options.percepts == Percepts::Network,
+    );
+    let plan = Plan {
+        networks: if is_networks {
+            network_hashes(models)?
+        } else {
+            BTreeMap::new()
+        },
+        ..Plan::new(experiment, options, &policies, trainings)?
+    };
+    let errors = match options.percepts {
+        Percepts::Statistical => Some(ErrorModel::builtin()?),
+        Percepts::Truth | Percepts::Network => None,
+    };
+    let networks = match options.percepts {
+        Percepts::Network => Some(networks(models, usize::MAX, ProviderArg::default())?),
+        Percepts::Truth | Percepts::Statistical => None,
+    };
     store.begin(&plan)?;
     for (case, figures) in &given {
         store.keep(&plan, case, figures)?;
     }
-    let errors = match options.percepts {
-        Percepts::Statistical => Some(ErrorModel::builtin()?),
-        Percepts::Truth => None,
+    let means = Means {
+        policies,
+        errors,
+        networks,
     };
-    drive(&plan, &store, args.shard, &Means { policies, errors })?;
+    drive(&plan, &store, args.shard, &means)?;
     conclude(&plan, &store, args)
 }
 
 /// Options that belong to another experiment are refused.
 fn check(args: &ExperimentArgs) -> anyhow::Result<()> {
     let (name, learned) = (args.name.name(), args.name.learned());
-    if args.perception != PerceptArg::Truth && args.name == Experiment::Truncation {
+    if args.perception != PerceptionArg::Truth && args.name == Experiment::Truncation {
         bail!("--perception is for what is driven; truncation is a game on paper");
     }
-    if args.perception != PerceptArg::Truth && args.name == Experiment::EpisodeReward {
+    if args.perception != PerceptionArg::Truth && args.name == Experiment::EpisodeReward {
         bail!(
             "--perception is for what is driven; for episode-reward set environment.perception in the TOML of `covista train` and give its folder with --trained"
         );
+    }
+    if args.models.is_some() && args.perception != PerceptionArg::Network {
+        bail!("--models is for --perception network");
     }
     if !args.trained.is_empty() && args.name != Experiment::EpisodeReward {
         bail!("--trained is for episode-reward; {name} takes policies from --policies");
@@ -99,8 +124,9 @@ fn options(args: &ExperimentArgs) -> ExperimentOptions {
         seeds: args.seeds.unwrap_or_default(),
         steps: args.episode.map(|steps| steps.get().into()),
         percepts: match args.perception {
-            PerceptArg::Truth => Percepts::Truth,
-            PerceptArg::Statistical => Percepts::Statistical,
+            PerceptionArg::Truth => Percepts::Truth,
+            PerceptionArg::Statistical => Percepts::Statistical,
+            PerceptionArg::Network => Percepts::Network,
         },
         decisions: args.decisions.map_or(DECISIONS, NonZeroU64::get),
     }

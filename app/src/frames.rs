@@ -1,7 +1,7 @@
 use std::{collections::BTreeMap, path::Path};
 
 use anyhow::bail;
-use covista_drive::calibration_of;
+use covista_drive::{Networks, calibration_of};
 use covista_perception::{
     DETECTOR_MODEL, Detector, LANE_MODEL, LaneFinder, OnnxRuntime, Perceiver, Provider,
     ProviderChoice, SessionSettings, list_models,
@@ -87,21 +87,24 @@ fn runtime(asked: ProviderArg) -> anyhow::Result<(OnnxRuntime, SessionSettings)>
     Ok((runtime, SessionSettings { provider, threads }))
 }
 
-/// Pairs of networks on one thread each, one a core but no more than `most`.
-pub fn perceivers(
+/// Both networks on one thread each, for a frame a core at a time but no more than `most`.
+pub fn networks(
     models: Option<&Path>,
     most: usize,
     provider: ProviderArg,
-) -> anyhow::Result<Vec<Perceiver>> {
+) -> anyhow::Result<Networks> {
     let (runtime, settings) = runtime(provider)?;
-    let folder = models_folder(models);
     let alone = SessionSettings {
         threads: 1,
         ..settings
     };
-    (0..settings.threads.min(most.max(1)))
-        .map(|_| Ok(Perceiver::new(&runtime, &folder, alone)?))
-        .collect()
+    let at_once = settings.threads.min(most);
+    Ok(Networks::open(
+        &runtime,
+        &models_folder(models),
+        alone,
+        at_once,
+    )?)
 }
 
 /// The hashes of the two networks that the closed loop runs, by their ids.

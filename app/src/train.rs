@@ -5,12 +5,13 @@ mod curve;
 use std::{path::Path, time::Instant};
 
 use anyhow::{Context, bail};
-use covista_drive::{RingEnvironment, Trainer, TrainingConfig};
+use covista_drive::{RingEnvironment, RingPerception, Trainer, TrainingConfig};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 
 use crate::{
-    cli::TrainArgs,
+    cli::{ProviderArg, TrainArgs},
+    frames::networks,
     output::{prepare_folder, say, write_json},
 };
 use curve::{Curve, CurveRow};
@@ -26,15 +27,28 @@ pub fn run(args: &TrainArgs) -> anyhow::Result<()> {
         Some(path) => TrainingConfig::load(path)?,
         None => TrainingConfig::default(),
     };
+    let networks = match config.environment.perception {
+        RingPerception::Network => Some(networks(
+            args.models.as_deref(),
+            usize::MAX,
+            ProviderArg::default(),
+        )?),
+        RingPerception::Exact | RingPerception::Statistical => {
+            if args.models.is_some() {
+                bail!("--models is for environment.perception = \"network\" in --config");
+            }
+            None
+        }
+    };
     let checkpoint = args.out.join("checkpoint.safetensors");
     let goes_on = args.resume && checkpoint.exists();
     let (mut trainer, mut curve) = if goes_on {
         check_settings(&config, &args.out)?;
-        let trainer = config.resume(&checkpoint)?;
+        let trainer = config.resume(&checkpoint, networks.as_ref())?;
         let curve = Curve::load(&args.out, trainer.rounds())?;
         (trainer, curve)
     } else {
-        (config.start()?, Curve::default())
+        (config.start(networks.as_ref())?, Curve::default())
     };
     prepare_folder(&args.out)?;
     let decisions = args.decisions.get();

@@ -1,6 +1,6 @@
 use covista_control::{
-    Clear, ControlOutput, ControlSettings, Controller, EgoState, Manoeuvre, Neighbour, RoadProfile,
-    SightLine, Situation, clear_until_m,
+    ControlOutput, ControlSettings, Controller, EgoState, Manoeuvre, Neighbour, RoadProfile,
+    SightLine, Situation,
 };
 use covista_planner::{
     self as planner, FreeLane, MappedAction, Observation, OwnMotion, Policy, safe_action_mapping,
@@ -12,7 +12,7 @@ use covista_world::{
     Se2Pose, StationId, Track, VehicleDimensions,
 };
 
-use crate::{run::RunError, senses::Sensed};
+use crate::{free_lanes::seen_free, run::RunError, senses::Sensed};
 
 /// One connected vehicle's stack, from percepts to control input.
 ///
@@ -97,22 +97,17 @@ impl Cav {
         self.tracker
             .observe(time_s, pose, own.state.speed_mps, &sensed.percepts);
         let neighbours = self.neighbours(time_s, road);
-        let mount = calibration.vehicle_from_lidar.translation.vector;
-        let lidar = pose.compose(Se2Pose::new(mount.x, mount.y, 0.0));
         let safety = &self.settings.safety;
-        let free_range_m = |azimuth_rad: f64| sensed.free_space.free_range_m(azimuth_rad);
-        let free_behind = |tracked: &[Neighbour]| {
-            let mut lanes = [Clear::default(); LANE_COUNT as usize];
-            for lane in LaneIndex::all() {
-                lanes[usize::from(lane.get())] =
-                    clear_until_m(road, lane, lidar, &free_range_m, tracked, safety);
-            }
-            lanes
-        };
-        let (clear, open) = (free_behind(&neighbours), free_behind(&[]));
-        let seen = SightLine::new(clear.map(|clear| clear.until_s_m), time_s)
-            .with_open(open.map(|clear| clear.until_s_m))
-            .with_blocked(open.map(|clear| clear.is_blocked));
+        let free_space = &sensed.free_space;
+        let seen = seen_free(
+            free_space,
+            pose,
+            calibration,
+            &neighbours,
+            road,
+            time_s,
+            safety,
+        );
         match &mut self.sight {
             Some(sight) => sight.update(&seen, time_s, safety),
             None => self.sight = Some(seen),

@@ -1,5 +1,5 @@
-//! The closed loop on the three-lane ring, without sensors and networks: where policies learn and
-//! are compared.
+//! The closed loop on the three-lane ring: where policies learn and are compared. Sensors and
+//! networks run on request only.
 
 mod cav;
 mod knowledge;
@@ -19,8 +19,7 @@ use covista_control::{Manoeuvre, RoadProfile};
 use covista_planner::{
     self as planner, Observation, OwnMotion,
     learning::{
-        Environment, EnvironmentError, FeatureEncoder, GLOBAL_FEATURES, InputShares,
-        NEIGHBOUR_FEATURES, OWN_FEATURES, Outcome, Shape, Situations,
+        Environment, EnvironmentError, FeatureEncoder, InputShares, Outcome, Shape, Situations,
     },
 };
 use covista_sensors::ErrorModel;
@@ -31,7 +30,7 @@ use cav::{RingCav, nearest_lane};
 use knowledge::Exact;
 use motion::Motion;
 pub use motion::RingMotion;
-use perceived::Perceived;
+use perceived::{Drawn, Eyes, Perceived, Rendered};
 pub use perception::RingPerception;
 use perception::{Frame, Knowledge};
 pub use settings::{RingEnvironmentError, RingEnvironmentSettings};
@@ -40,6 +39,8 @@ pub use tally::RingTally;
 pub use timing::time_closed_loop;
 pub use watch::RingSafety;
 use watch::Watch;
+
+use crate::Networks;
 
 /// Steps of 0.01 s between two frames of perception and messages, and between two decisions.
 const FRAME_STEPS: u64 = 10;
@@ -63,7 +64,7 @@ pub struct RingEnvironment {
     cavs: Vec<RingCav>,
     sights: Sights,
     /// For perception with errors.
-    errors: Option<Arc<ErrorModel>>,
+    eyes: Option<Eyes>,
     knowledge: Box<dyn Knowledge>,
     watch: Option<Watch>,
     motion: Option<Motion>,
@@ -85,9 +86,19 @@ impl RingEnvironment {
     /// episodes of `settings.steps`.
     ///
     /// # Errors
-    /// When a setting makes no sense.
+    /// When a setting makes no sense or asks for networks.
     pub fn new(settings: RingEnvironmentSettings) -> Result<Self, RingEnvironmentError> {
-        let mut settings = settings;
+        Self::with_networks(settings, None)
+    }
+
+    /// As [`RingEnvironment::new`], with the networks of [`RingPerception::Network`].
+    ///
+    /// # Errors
+    /// When a setting makes no sense, asks for networks that are not given, or one fails.
+    pub fn with_networks(
+        mut settings: RingEnvironmentSettings,
+        networks: Option<&Networks>,
+    ) -> Result<Self, RingEnvironmentError> {
         if settings.ring.cavs == 0 {
             return Err(RingEnvironmentError::NoCavs);
         }
@@ -107,10 +118,7 @@ impl RingEnvironment {
             encoder: FeatureEncoder::new(Some(ring.road().period_m())),
             cavs: Vec::new(),
             sights: Sights::default(),
-            errors: match settings.perception {
-                RingPerception::Exact => None,
-                RingPerception::Statistical => Some(Arc::new(ErrorModel::builtin()?)),
-            },
+            eyes: eyes(settings.perception, networks)?,
             knowledge: Box::new(Exact::default()),
             watch: None,
             motion: None,
@@ -177,11 +185,11 @@ impl RingEnvironment {
             self.cavs
                 .push(RingCav::new(vehicle, road, settings.control)?);
         }
-        self.knowledge = match &self.errors {
+        self.knowledge = match &self.eyes {
             None => Box::new(Exact::default()),
-            Some(errors) => Box::new(Perceived::new(Arc::clone(errors), &self.cavs)),
+            Some(eyes) => Box::new(Perceived::new(eyes.clone(), &self.cavs)),
         };
-        self.frame();
+        self.frame()?;
         self.carry_on();
         Ok(())
     }
@@ -291,14 +299,14 @@ impl RingEnvironment {
             motion.step(&self.cavs, road);
         }
         if self.step.is_multiple_of(FRAME_STEPS) {
-            self.frame();
+            self.frame()?;
         }
         self.carry_on();
         Ok(())
     }
 
     /// A frame: everybody looks, and tells what they see and do.
-    fn frame(&mut self) {
+    fn frame(&mut self) -> Result<(), RingEnvironmentError> {
         let (ring, safety) = (&self.ring, &self.settings.control.safety);
         let (road, time_s) = (self.profile.road(), ring.time_s());
         self.sights.frame(ring, self.cavs.len(), safety);
@@ -310,15 +318,19 @@ impl RingEnvironment {
             safety,
             sharing: self.settings.sharing,
             communication_m: self.settings.communication_m,
-        });
+        })?;
         for (index, cav) in self.cavs.iter_mut().enumerate() {
             let knows = |lane, body: &_| self.knowledge.knows(index, lane, body);
-            let seen = self.sights.free(index, time_s, road, safety, knows);
+            let pose = cav.state.pose;
+            let seen = (self.knowledge)
+                .sight(index, pose, road, time_s, safety)
+                .unwrap_or_else(|| self.sights.free(index, time_s, road, safety, knows));
             cav.sight.update(&seen, time_s, safety);
         }
         if let Some(watch) = &mut self.watch {
             watch.frame(ring, self.cavs.len(), &self.sights, &*self.knowledge);
         }
+        Ok(())
     }
 
     /// Brings what everybody knows to the present.
@@ -382,13 +394,7 @@ impl RingEnvironment {
 
 impl Environment for RingEnvironment {
     fn shape(&self) -> Shape {
-        Shape {
-            agents: self.settings.ring.cavs,
-            own: OWN_FEATURES,
-            neighbours: self.settings.neighbours,
-            neighbour: NEIGHBOUR_FEATURES,
-            global: GLOBAL_FEATURES,
-        }
+        self.settings.shape()
     }
 
     fn settings(&self) -> serde_json::Value {
@@ -424,6 +430,21 @@ impl Environment for RingEnvironment {
             .and_then(|()| self.observe(situations))
             .map_err(|source| failed(format!("at {time_s:.1} s"), source))
     }
+}
+
+/// What CAVs see with, where they don't know exactly.
+fn eyes(
+    perception: RingPerception,
+    networks: Option<&Networks>,
+) -> Result<Option<Eyes>, RingEnvironmentError> {
+    Ok(match perception {
+        RingPerception::Exact => None,
+        RingPerception::Statistical => Some(Eyes::Statistical(Drawn::new(ErrorModel::builtin()?))),
+        RingPerception::Network => {
+            let networks = networks.ok_or(RingEnvironmentError::NoNetworks)?;
+            Some(Eyes::Network(Rendered::new(networks.clone())))
+        }
+    })
 }
 
 fn failed(when: String, source: RingEnvironmentError) -> EnvironmentError {

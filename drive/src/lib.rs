@@ -18,8 +18,10 @@ mod environment;
 mod evaluate;
 mod excuse;
 mod experiment;
+mod free_lanes;
 mod monitor;
 mod networked;
+mod networks;
 mod recorded;
 mod run;
 mod senses;
@@ -69,6 +71,7 @@ pub use experiment::{
 };
 pub use monitor::{CavView, Distributions, Histogram, Monitor, PlacedTrack, TrueBarriers};
 pub use networked::{InvalidDiscount, TruncationErrors};
+pub use networks::Networks;
 pub use recorded::{FittedPicture, Lacking, RecordedError, calibration_of};
 pub use run::{RunConfig, RunError, run};
 pub use senses::Senses;

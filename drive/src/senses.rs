@@ -1,6 +1,6 @@
 use std::time::Instant;
 
-use covista_perception::{FramePercepts, PerceiveError, Perceiver};
+use covista_perception::{FramePercepts, PerceiveError};
 use covista_sensors::{
     CameraSettings, ErrorModel, Lidar, RayScene, Viewpoint, take_picture, truth_detections,
 };
@@ -12,10 +12,12 @@ use covista_world::{
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
+use crate::Networks;
+
 /// Where a CAV's percepts come from.
 pub enum Senses {
-    /// Rendered images and point clouds through both networks; one perceiver a thread.
-    Network(Vec<Perceiver>),
+    /// Rendered images and point clouds through both networks.
+    Network(Networks),
     /// Boxes and lanes of what is in line of sight with the networks' errors, as drawn from a
     /// fitted model; exact free space.
     Statistical(Box<ErrorModel>),
@@ -62,8 +64,8 @@ impl Senses {
             .filter_map(|&cav| Viewpoint::new(scene, rays, cav, calibration))
             .collect();
         let start = Instant::now();
-        let perceivers = match self {
-            Self::Network(perceivers) => perceivers,
+        let networks = match self {
+            Self::Network(networks) => &*networks,
             Self::Statistical(model) => {
                 let model = &*model;
                 return Ok(without_networks(&views, |view| drawn(view, model, seed)));
@@ -73,31 +75,16 @@ impl Senses {
         let lidar = Lidar::hdl64e();
         let frames: Vec<SensorFrame> = views
             .iter()
-            .map(|view| {
-                let seed = frame_seed(seed, view.ego.id, scene.time_s);
-                SensorFrame {
-                    time_s: scene.time_s,
-                    image: take_picture(view, &CameraSettings::default(), seed),
-                    points: lidar.sweep(view, seed),
-                }
-            })
+            .map(|view| measure(view, &lidar, seed))
             .collect();
         let sensors_s = start.elapsed().as_secs_f64();
         let start = Instant::now();
-        let share = frames.len().div_ceil(perceivers.len().max(1)).max(1);
-        let percepts: Vec<Vec<FramePercepts>> = perceivers
-            .par_iter_mut()
-            .zip(frames.par_chunks(share))
-            .map(|(perceiver, frames)| {
-                frames
-                    .iter()
-                    .map(|frame| perceiver.perceive(frame, calibration))
-                    .collect::<Result<_, _>>()
-            })
+        let percepts: Vec<FramePercepts> = frames
+            .par_iter()
+            .map(|frame| networks.perceive(frame, calibration))
             .collect::<Result<_, _>>()?;
         let sensed = percepts
             .into_iter()
-            .flatten()
             .zip(frames)
             .map(|(percepts, frame)| Sensed {
                 percepts: percepts.percepts,
@@ -110,6 +97,17 @@ impl Senses {
             perception_s: start.elapsed().as_secs_f64(),
         };
         Ok((sensed, times))
+    }
+}
+
+/// What camera and LIDAR measure from `view`; the noise depends on `seed`, time and vehicle alone.
+pub(crate) fn measure(view: &Viewpoint<'_>, lidar: &Lidar, seed: u64) -> SensorFrame {
+    let time_s = view.scene.time_s;
+    let seed = frame_seed(seed, view.ego.id, time_s);
+    SensorFrame {
+        time_s,
+        image: take_picture(view, &CameraSettings::default(), seed),
+        points: lidar.sweep(view, seed),
     }
 }
 

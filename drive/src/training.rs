@@ -3,7 +3,7 @@ use std::path::{Path, PathBuf};
 use covista_planner::learning::{LearningError, Trainer, TrainingSettings};
 use serde::{Deserialize, Serialize};
 
-use crate::{RingEnvironment, RingEnvironmentError, RingEnvironmentSettings};
+use crate::{Networks, RingEnvironment, RingEnvironmentError, RingEnvironmentSettings};
 
 /// What `covista train` does: which traffic, and who learns how.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -79,27 +79,34 @@ impl TrainingConfig {
         })
     }
 
-    /// New learners on these loops.
+    /// New learners on these loops, with `networks` where perception asks for them.
     ///
     /// # Errors
-    /// When a setting makes no sense.
-    pub fn start(&self) -> Result<Trainer<RingEnvironment>, TrainingError> {
-        Ok(Trainer::new(self.loops()?, self.training)?)
+    /// When a setting makes no sense, or networks are needed and not given.
+    pub fn start(
+        &self,
+        networks: Option<&Networks>,
+    ) -> Result<Trainer<RingEnvironment>, TrainingError> {
+        Ok(Trainer::new(self.loops(networks)?, self.training)?)
     }
 
     /// Learners that go on where a checkpoint ends, with its settings, on these loops.
     ///
     /// # Errors
-    /// When a setting makes no sense, or the checkpoint is damaged or of other sizes.
-    pub fn resume(&self, checkpoint: &Path) -> Result<Trainer<RingEnvironment>, TrainingError> {
-        Ok(Trainer::resume(self.loops()?, checkpoint)?)
+    /// As [`TrainingConfig::start`], or when the checkpoint is damaged or of other sizes.
+    pub fn resume(
+        &self,
+        checkpoint: &Path,
+        networks: Option<&Networks>,
+    ) -> Result<Trainer<RingEnvironment>, TrainingError> {
+        Ok(Trainer::resume(self.loops(networks)?, checkpoint)?)
     }
 
-    fn loops(&self) -> Result<Vec<RingEnvironment>, TrainingError> {
+    fn loops(&self, networks: Option<&Networks>) -> Result<Vec<RingEnvironment>, TrainingError> {
         if self.environments == 0 {
             return Err(TrainingError::NoEnvironments);
         }
-        let ring = || Ok(RingEnvironment::new(self.environment)?);
+        let ring = || Ok(RingEnvironment::with_networks(self.environment, networks)?);
         (0..self.environments).map(|_| ring()).collect()
     }
 }

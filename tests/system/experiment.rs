@@ -371,6 +371,37 @@ fn obstacle_at_corner_compares_the_same_seeds_with_and_without_sharing() {
 }
 
 #[test]
+fn percepts_may_come_from_the_networks() {
+    let out = tempfile::tempdir().expect("a folder");
+    let options = ["--seeds", "1", "--episode", "1", "--perception", "network"];
+    run(&mut experiment("obstacle-at-corner", out.path(), &options));
+    let plan = json(&out.path().join("obstacle-at-corner/plan.json"));
+    assert_eq!(plan["options"]["percepts"], "network");
+    for (name, text) in cases(&out.path().join("obstacle-at-corner")) {
+        let case: Value = serde_json::from_str(&text).expect("JSON");
+        let networks = &case["case"]["scene"]["networks"];
+        assert_eq!(networks, &plan["networks"], "{name}");
+        let hash = networks["pointpillars"].as_str().expect("a hash");
+        assert_eq!(hash.len(), 64, "{name}");
+    }
+    let text = fs::read_to_string(out.path().join("obstacle-at-corner.md")).expect("a document");
+    assert!(
+        text.contains("perception by networks, pointpillars "),
+        "{text}"
+    );
+
+    let nowhere = out.path().join("nowhere");
+    let mut refused = learned("headway", out.path(), &options);
+    refused.arg("--models").arg(&nowhere);
+    assert_one_line_error(&mut refused, &["nowhere", "name the folder"]);
+    let empty = tempfile::tempdir().expect("a folder");
+    let mut refused = learned("headway", out.path(), &options);
+    refused.arg("--models").arg(empty.path());
+    assert_one_line_error(&mut refused, &["ufld-resnet18"]);
+    assert!(!out.path().join("headway").exists());
+}
+
+#[test]
 fn truncation_has_the_errors_beside_the_bounds_and_goes_on_where_it_was() {
     let out = tempfile::tempdir().expect("a folder");
     let part = |shard: &str| {
@@ -561,7 +592,7 @@ fn a_report_of_nothing_is_refused() {
 #[test]
 fn what_makes_no_experiment_is_refused_in_one_line() {
     let out = tempfile::tempdir().expect("a folder");
-    let refused: [(&[&str], &[&str]); 14] = [
+    let refused: [(&[&str], &[&str]); 15] = [
         (&["moon-landing"], &["moon-landing", "cav-ratio", "density"]),
         (&["safety", "--shard", "0/3"], &["0/3", "I from 1 to N"]),
         (&["safety", "--shard", "4/3"], &["4/3", "I from 1 to N"]),
@@ -572,6 +603,10 @@ fn what_makes_no_experiment_is_refused_in_one_line() {
         (
             &["safety", "--perception", "truth", "--trained", "x"],
             &["--trained", "episode-reward"],
+        ),
+        (
+            &["safety", "--models", "x"],
+            &["--models", "--perception network"],
         ),
         (
             &["truncation", "--perception", "statistical"],

@@ -96,6 +96,22 @@ fn a_training_with_the_errors_of_perception_is_another_one() {
 }
 
 #[test]
+fn a_training_may_see_with_the_networks() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let network = (TINY.replace("steps = 8", "steps = 1\nperception = \"network\""))
+        .replace("environments = 2", "environments = 1");
+    let empty = tempfile::tempdir().expect("a folder");
+    let models = empty.path().to_str().expect("a path");
+    let mut command = train(&network, folder.path(), &["--models", models]);
+    assert_one_line_error(&mut command, &["ufld-resnet18"]);
+    let mut command = train(TINY, folder.path(), &["--models", models]);
+    assert_one_line_error(&mut command, &["--models", "environment.perception"]);
+    trained(&network, folder.path(), &["--decisions", "1"]);
+    let settings = fs::read_to_string(folder.path().join("run/settings.json"));
+    assert!(settings.expect("settings").contains("\"network\""));
+}
+
+#[test]
 fn other_settings_and_a_damaged_checkpoint_are_told() {
     let folder = tempfile::tempdir().expect("a folder");
     trained(TINY, folder.path(), &["--decisions", "1"]);

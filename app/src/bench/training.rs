@@ -129,7 +129,7 @@ fn closed_loop(decisions: u64) -> anyhow::Result<Row> {
 }
 
 fn episode(decisions: u64) -> anyhow::Result<Row> {
-    let mut trainer = config(decisions).start()?;
+    let mut trainer = config(decisions).start(None)?;
     let start = Instant::now();
     let report = trainer.train_round()?;
     Ok(Row::Episode {

@@ -6,17 +6,10 @@ use std::{
     str::FromStr,
 };
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use covista_drive::{Experiment, Seeds};
 
-/// Where percepts come from in an experiment.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum PerceptArg {
-    /// Exact boxes and lanes of what is in line of sight
-    Truth,
-    /// Boxes and lanes with the networks' errors, drawn from a fitted model
-    Statistical,
-}
+use super::PerceptionArg;
 
 /// Which part of the cases to drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -67,7 +60,11 @@ pub struct ExperimentArgs {
     pub episode: Option<NonZeroU32>,
     /// Where the CAVs' percepts come from; not for episode-reward
     #[arg(long, value_enum, default_value = "truth")]
-    pub perception: PerceptArg,
+    pub perception: PerceptionArg,
+    /// Folder of the networks and their cards, for --perception network [default: models, where the
+    /// command runs or beside the sources]
+    #[arg(long, value_name = "DIR")]
+    pub models: Option<PathBuf>,
     /// Folder of the trained policies [default: models, where the command runs or beside the
     /// sources]
     #[arg(long, value_name = "DIR")]
@@ -109,4 +106,8 @@ pub struct TrainArgs {
     /// Where checkpoint, policy and learning curve go
     #[arg(long, value_name = "DIR", default_value = "out/train")]
     pub out: PathBuf,
+    /// Folder of the networks and their cards, where the configuration's perception is network
+    /// [default: models, where the command runs or beside the sources]
+    #[arg(long, value_name = "DIR")]
+    pub models: Option<PathBuf>,
 }

@@ -12,7 +12,7 @@ use super::{lacking, with_bar};
 use crate::{
     cli::{ErrorsArgs, ProviderArg},
     demo::{count_cavs, duration_s, load_scenario, progress_bar},
-    frames::{error_model, network_hashes, perceiver, perceivers},
+    frames::{error_model, network_hashes, networks, perceiver},
     output::{Report, prepare_file, say, write_json, write_whole},
     table::aligned,
 };
@@ -93,7 +93,7 @@ fn of_data(folder: &Path, args: &ErrorsArgs) -> anyhow::Result<Perceived> {
 }
 
 fn of_scenario(config: &RunConfig, args: &ErrorsArgs) -> anyhow::Result<ErrorFrames> {
-    let networks = perceivers(
+    let networks = networks(
         args.models.as_deref(),
         count_cavs(&config.scenario),
         ProviderArg::default(),

@@ -100,16 +100,25 @@ impl<'a> Document<'a> {
         if let Some(steps) = options.steps {
             text.push_str(&format!(", episodes of {steps} behaviour steps"));
         }
-        if options.percepts == Percepts::Statistical {
-            text.push_str(", statistical perception");
+        text.push_str(match options.percepts {
+            Percepts::Truth => "",
+            Percepts::Statistical => ", statistical perception",
+            Percepts::Network => ", perception by networks",
+        });
+        for (id, sha256) in &self.plan.networks {
+            text.push_str(&format!(", {id} {}", short(sha256)));
         }
         for (behaviour, sha256) in &self.plan.policies {
-            let short = &sha256[..sha256.len().min(12)];
-            text.push_str(&format!(", policy {} {short}", behaviour.name()));
+            text.push_str(&format!(", policy {} {}", behaviour.name(), short(sha256)));
         }
         text.push_str(". Means over the seeds, with the standard deviation.\n");
         text
     }
+}
+
+/// Enough of a hash to tell files apart.
+fn short(sha256: &str) -> &str {
+    sha256.get(..12).unwrap_or(sha256)
 }
 
 /// Draws the figures side by side.

@@ -1,4 +1,5 @@
 use covista_control::{Measured, Neighbour, RoadProfile, SafetySettings};
+use covista_perception::PerceiveError;
 use covista_planner::{self as planner, InvalidObservation};
 use covista_traffic::{Ring, RingVehicle};
 use covista_world::{Action, BicycleState, LaneIndex, ObjectState, Sighting, StationId, Track};
@@ -65,7 +66,7 @@ impl Exact {
 }
 
 impl Knowledge for Exact {
-    fn frame(&mut self, frame: &Frame<'_>) {
+    fn frame(&mut self, frame: &Frame<'_>) -> Result<(), PerceiveError> {
         let (ring, count) = (frame.ring, frame.cavs.len());
         let (road, time_s) = (ring.road().road(), ring.time_s());
         self.tracks.clear();
@@ -85,6 +86,7 @@ impl Knowledge for Exact {
         for index in 0..count {
             self.know(index, frame);
         }
+        Ok(())
     }
 
     fn knows(&self, _index: usize, _lane: LaneIndex, _body: &Shape) -> bool {

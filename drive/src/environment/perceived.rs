@@ -1,43 +1,54 @@
-use std::{borrow::Cow, sync::Arc};
+mod drawn;
+mod rendered;
 
-use covista_control::{Measured, Neighbour, RoadProfile, SafetySettings};
+use std::borrow::Cow;
+
+use covista_control::{Measured, Neighbour, RoadProfile, SafetySettings, SightLine};
+use covista_perception::PerceiveError;
 use covista_planner::{self as planner, InvalidObservation};
-use covista_sensors::{DrawnBox, ErrorModel, Observer, SeenVehicle};
 use covista_sharing::{OwnState, Tracker, TrackerSettings};
-use covista_traffic::{Ring, VehicleId};
+use covista_traffic::Ring;
 use covista_world::{
-    Calibration, CollectivePerceptionMessage, Detection3d, LaneIndex, Percept, Se2Pose, Track,
-    wrap_angle,
+    Calibration, CollectivePerceptionMessage, LaneIndex, Percept, Road, Se2Pose, Track,
 };
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector2;
 
 use super::{
     cav::{RingCav, nearest_lane},
     perception::{Frame, Knowledge, on_road},
-    sights::Seen,
-    view::{Shape, is_open},
+    view::Shape,
 };
-use crate::senses::percept;
+use crate::free_lanes::seen_free;
+pub(super) use drawn::Drawn;
+pub(super) use rendered::Rendered;
 
 /// Tracks farther from a CAV than this are of no concern to it.
 const NEAR_M: f64 = 150.0;
 /// How far a body may be from a track that stands for it, in metres along the road and across.
 const SAME_BODY_M: f64 = 1.0;
 
-/// What the CAVs of a ring have found out: each has a tracker, which takes up what it sees with the
-/// networks' errors and what it is told.
+/// What the CAVs of a ring have found out: each has a tracker, which takes up what it perceives and
+/// what it is told.
 ///
 /// A CAV knows nothing of laps: whatever it sees or is told of is placed at the image nearest to
 /// it, and there it stays as the CAV drives on.
 pub(super) struct Perceived {
-    errors: Arc<ErrorModel>,
+    eyes: Eyes,
     calibration: Calibration,
     minds: Vec<Mind>,
     // Storage of one frame, used again in the next.
-    centers: Vec<Se2Pose>,
-    seen: Vec<SeenVehicle>,
-    percepts: Vec<Percept>,
+    /// Of each CAV.
+    percepts: Vec<Vec<Percept>>,
     messages: Vec<CollectivePerceptionMessage>,
+}
+
+/// Where percepts come from.
+#[derive(Clone)]
+pub(super) enum Eyes {
+    /// What the networks would have found, drawn.
+    Statistical(Drawn),
+    /// What they find.
+    Network(Rendered),
 }
 
 /// What one CAV has found out.
@@ -53,7 +64,7 @@ struct Mind {
 
 impl Perceived {
     /// Nobody knows anything yet.
-    pub fn new(errors: Arc<ErrorModel>, cavs: &[RingCav]) -> Self {
+    pub fn new(eyes: Eyes, cavs: &[RingCav]) -> Self {
         let mind = |cav: &RingCav| Mind {
             tracker: Tracker::new(cav.station, cav.dimensions, TrackerSettings::default()),
             tracks: Vec::new(),
@@ -62,59 +73,28 @@ impl Perceived {
             neighbours: Vec::new(),
         };
         Self {
-            errors,
+            eyes,
             calibration: Calibration::kitti(),
             minds: cavs.iter().map(mind).collect(),
-            centers: Vec::new(),
-            seen: Vec::new(),
-            percepts: Vec::new(),
+            percepts: vec![Vec::new(); cavs.len()],
             messages: Vec::new(),
         }
     }
 
-    /// CAV `index` looks, and its tracker takes up what the networks would have found.
-    fn look(&mut self, index: usize, frame: &Frame<'_>) {
-        let (ring, own) = (frame.ring, &frame.cavs[index]);
-        let (road, time_s) = (ring.road().road(), ring.time_s());
-        let mount = self.calibration.vehicle_from_lidar.translation.vector;
-        let lidar = own.state.pose.compose(Se2Pose::new(mount.x, mount.y, 0.0));
-        let [least_x, least_y, most_x, most_y] = self.errors.range_m;
-        let seen = frame.sights.seen(index).map(|seen| {
-            let center = self.centers[seen.vehicle];
-            let lap_m = seen.laps * ring.road().lap_m();
-            let center = Se2Pose::new(center.x_m + lap_m.x, center.y_m + lap_m.y, center.yaw_rad);
-            as_seen(&seen, ring, center, lidar, mount.z)
-        });
-        self.seen.clear();
-        self.seen.extend(seen.filter(|seen| {
-            let place = seen.truth.center_m;
-            (least_x..=most_x).contains(&place.x) && (least_y..=most_y).contains(&place.y)
-        }));
-        let observer = Observer {
-            seed: ring.settings().seed,
-            ego: VehicleId(own.station.0),
-            time_s,
-            lidar,
-            road: Some(road),
-        };
-        let (eye, bodies) = frame.sights.about(index);
-        let is_in_sight = |drawn: &DrawnBox| {
-            let place = lidar.transform(drawn.detection.center_m.xy());
-            let point = road.to_frenet_near(place, eye[0]);
-            drawn.of.is_some() || is_open(eye, bodies, [point.s_m, point.d_m])
-        };
-        let drawn = self.errors.draw(&self.seen, &observer).into_iter();
-        let found = drawn
-            .filter(is_in_sight)
-            .map(|drawn| percept(&self.calibration, drawn.detection, drawn.lane));
-        self.percepts.clear();
-        self.percepts.extend(found);
-        self.minds[index].tracker.observe(
-            time_s,
-            own.state.pose,
-            own.state.speed_mps,
-            &self.percepts,
-        );
+    /// Everybody looks, and the trackers take up what is found.
+    fn look(&mut self, frame: &Frame<'_>) -> Result<(), PerceiveError> {
+        let (percepts, time_s) = (&mut self.percepts, frame.ring.time_s());
+        match &mut self.eyes {
+            Eyes::Statistical(drawn) => drawn.look(frame, &self.calibration, percepts),
+            Eyes::Network(rendered) => rendered.look(frame, &self.calibration, percepts)?,
+        }
+        let found = frame.cavs.iter().zip(percepts);
+        for (mind, (own, percepts)) in self.minds.iter_mut().zip(found) {
+            let state = own.state;
+            mind.tracker
+                .observe(time_s, state.pose, state.speed_mps, percepts);
+        }
+        Ok(())
     }
 
     /// Everybody tells what they see and do, and takes up what they hear.
@@ -139,25 +119,40 @@ impl Perceived {
 }
 
 impl Knowledge for Perceived {
-    fn frame(&mut self, frame: &Frame<'_>) {
-        let (road, time_s) = (frame.profile.road(), frame.ring.time_s());
-        let center = |vehicle: &covista_traffic::RingVehicle| {
-            let pose = vehicle.state(road).pose;
-            vehicle.dimensions().center_pose(pose)
-        };
-        self.centers.clear();
-        self.centers
-            .extend(frame.ring.vehicles().iter().map(center));
-        for index in 0..self.minds.len() {
-            self.look(index, frame);
-        }
+    fn frame(&mut self, frame: &Frame<'_>) -> Result<(), PerceiveError> {
+        self.look(frame)?;
         if frame.sharing {
             self.tell(frame);
         }
         for (mind, cav) in self.minds.iter_mut().zip(frame.cavs) {
             mind.place(cav, frame);
         }
-        self.carry_on(frame.profile, time_s, frame.safety);
+        self.carry_on(frame.profile, frame.ring.time_s(), frame.safety);
+        Ok(())
+    }
+
+    fn sight(
+        &self,
+        index: usize,
+        pose: Se2Pose,
+        road: &Road,
+        time_s: f64,
+        safety: &SafetySettings,
+    ) -> Option<SightLine> {
+        let Eyes::Network(rendered) = &self.eyes else {
+            return None;
+        };
+        let (space, known) = (rendered.free_space(index)?, &self.minds[index].neighbours);
+        let calibration = &self.calibration;
+        Some(seen_free(
+            space,
+            pose,
+            calibration,
+            known,
+            road,
+            time_s,
+            safety,
+        ))
     }
 
     fn knows(&self, index: usize, lane: LaneIndex, body: &Shape) -> bool {
@@ -205,31 +200,6 @@ impl Mind {
         let placed = self.tracks.iter().map(|track| Measured::new(track, road));
         self.measured.clear();
         self.measured.extend(placed);
-    }
-}
-
-/// A vehicle with its body's centre at `center` in the world, as the error model takes it.
-fn as_seen(
-    seen: &Seen<'_>,
-    ring: &Ring,
-    center: Se2Pose,
-    lidar: Se2Pose,
-    lidar_height_m: f64,
-) -> SeenVehicle {
-    let vehicle = &ring.vehicles()[seen.vehicle];
-    let size = vehicle.dimensions();
-    let place = lidar.inverse_transform(center.position());
-    SeenVehicle {
-        id: vehicle.id,
-        truth: Detection3d {
-            center_m: place.push(size.height_m / 2.0 - lidar_height_m),
-            size_m: Vector3::new(size.length_m, size.width_m, size.height_m),
-            yaw_rad: wrap_angle(center.yaw_rad - lidar.yaw_rad),
-            class: vehicle.model.class(),
-            score: 1.0,
-        },
-        lane: ring.road().road().lane_at(seen.body.middle()[1]),
-        visibility: seen.visibility,
     }
 }
 

@@ -1,7 +1,8 @@
-use covista_control::{Neighbour, RoadProfile, SafetySettings};
+use covista_control::{Neighbour, RoadProfile, SafetySettings, SightLine};
+use covista_perception::PerceiveError;
 use covista_planner::{self as planner, InvalidObservation, Observation, OwnMotion};
 use covista_traffic::Ring;
-use covista_world::{LaneIndex, Track};
+use covista_world::{LaneIndex, Road, Se2Pose, Track};
 use serde::{Deserialize, Serialize};
 
 use super::{cav::RingCav, sights::Sights, view::Shape};
@@ -16,6 +17,9 @@ pub enum RingPerception {
     /// By tracks of percepts and messages, with the networks' errors as drawn from the fitted
     /// model.
     Statistical,
+    /// By tracks of percepts and messages, with both networks on the rendered picture and sweep of
+    /// each CAV; needs [`Networks`](crate::Networks).
+    Network,
 }
 
 impl RingPerception {
@@ -49,7 +53,22 @@ impl Frame<'_> {
 /// What the CAVs of a ring know of the others.
 pub(super) trait Knowledge: Send {
     /// Takes a frame up.
-    fn frame(&mut self, frame: &Frame<'_>);
+    ///
+    /// # Errors
+    /// When a network fails.
+    fn frame(&mut self, frame: &Frame<'_>) -> Result<(), PerceiveError>;
+
+    /// How far CAV `index` at `pose` sees each lane free by its sweep, where it has one.
+    fn sight(
+        &self,
+        _index: usize,
+        _pose: Se2Pose,
+        _road: &Road,
+        _time_s: f64,
+        _safety: &SafetySettings,
+    ) -> Option<SightLine> {
+        None
+    }
 
     /// Whether CAV `index` knows of `body`, at the image nearest to it, in `lane`.
     fn knows(&self, index: usize, lane: LaneIndex, body: &Shape) -> bool;

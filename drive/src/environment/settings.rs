@@ -1,5 +1,9 @@
 use covista_control::{ControlSettings, SettingsError};
-use covista_planner::{InvalidObservation, Reward, learning::InvalidFeatures};
+use covista_perception::PerceiveError;
+use covista_planner::{
+    InvalidObservation, Reward,
+    learning::{GLOBAL_FEATURES, InvalidFeatures, NEIGHBOUR_FEATURES, OWN_FEATURES, Shape},
+};
 use covista_sensors::ErrorModelError;
 use covista_traffic::{RingError, RingSettings};
 use serde::{Deserialize, Serialize};
@@ -31,6 +35,19 @@ pub struct RingEnvironmentSettings {
     pub ends_at_collision: bool,
     /// Whether the monitor looks on: [`crate::RingEnvironment::safety`].
     pub watched: bool,
+}
+
+impl RingEnvironmentSettings {
+    /// The sizes of what is learnt from.
+    pub fn shape(&self) -> Shape {
+        Shape {
+            agents: self.ring.cavs,
+            own: OWN_FEATURES,
+            neighbours: self.neighbours,
+            neighbour: NEIGHBOUR_FEATURES,
+            global: GLOBAL_FEATURES,
+        }
+    }
 }
 
 impl Default for RingEnvironmentSettings {
@@ -74,6 +91,14 @@ pub enum RingEnvironmentError {
     /// The errors of perception.
     #[error(transparent)]
     Errors(#[from] ErrorModelError),
+    /// Networks are asked for, and there are none.
+    #[error(
+        "perception = \"network\" needs the networks, which were not opened here; give them, or set perception to \"exact\" or \"statistical\""
+    )]
+    NoNetworks,
+    /// A network.
+    #[error(transparent)]
+    Perceive(#[from] PerceiveError),
     /// What a CAV knows.
     #[error(transparent)]
     Observation(#[from] InvalidObservation),

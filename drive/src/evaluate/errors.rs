@@ -19,6 +19,7 @@ pub use compare::{ErrorFigures, figures_by_distance};
 pub use fit::{FitError, fit_errors};
 
 use super::{EvaluateError, Evaluated, Progress, file_of};
+use crate::Networks;
 use crate::recorded::{FittedPicture, Lacking, with_files};
 use crate::run::{RunConfig, RunError, run};
 use crate::senses::Senses;
@@ -195,7 +196,7 @@ pub fn perceive_dataset(
             frames: unmarked,
         });
     }
-    let range_m = range_of(perceiver);
+    let range_m = flat(perceiver.range_m());
     let frames = ErrorFrames {
         range_m,
         frames: perceived,
@@ -210,10 +211,10 @@ pub fn perceive_dataset(
 /// When the scenario is unusable or a network fails.
 pub fn perceive_scenario(
     config: &RunConfig,
-    networks: Vec<Perceiver>,
+    networks: Networks,
     progress: &dyn Fn(f64),
 ) -> Result<ErrorFrames, RunError> {
-    let range_m = networks.first().map_or([0.0; 4], range_of);
+    let range_m = flat(networks.range_m());
     let calibration = Calibration::kitti();
     let mut senses = Senses::Network(networks);
     let mut frames: Vec<ErrorFrame> = Vec::new();
@@ -255,8 +256,9 @@ pub fn perceive_scenario(
 
 const EVERYWHERE_M: [f64; 4] = [-1e4, -1e4, 1e4, 1e4];
 
-fn range_of(perceiver: &Perceiver) -> [f64; 4] {
-    let [least_x, least_y, _, most_x, most_y, _] = perceiver.range_m().map(f64::from);
+/// A detector's range, seen from above.
+fn flat(range_m: [f32; 6]) -> [f64; 4] {
+    let [least_x, least_y, _, most_x, most_y, _] = range_m.map(f64::from);
     [least_x, least_y, most_x, most_y]
 }
 

@@ -1,3 +1,5 @@
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
 use super::Behaviour;
@@ -24,6 +26,9 @@ pub struct LoopCase {
     pub behaviour: Behaviour,
     /// SHA-256 of the policy's file, where the behaviour is learnt.
     pub policy_sha256: Option<String>,
+    /// SHA-256 of the networks by their ids, where percepts come from them.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub networks: BTreeMap<String, String>,
     /// The traffic with its seed, the controller, the length of the episode.
     pub environment: RingEnvironmentSettings,
     /// Whether a learned behaviour explores as in the last episodes of its training.
@@ -44,6 +49,8 @@ pub enum Percepts {
     Truth,
     /// With the networks' errors, as drawn from the fitted model.
     Statistical,
+    /// By the networks, on rendered pictures and sweeps.
+    Network,
 }
 
 impl Percepts {
@@ -52,6 +59,7 @@ impl Percepts {
         match self {
             Self::Truth => RingPerception::Exact,
             Self::Statistical => RingPerception::Statistical,
+            Self::Network => RingPerception::Network,
         }
     }
 }
@@ -63,6 +71,9 @@ pub struct SceneCase {
     pub scenario: String,
     /// Where percepts come from.
     pub percepts: Percepts,
+    /// SHA-256 of the networks by their ids, where percepts come from them.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub networks: BTreeMap<String, String>,
     /// Whether CAVs share what they see.
     pub sharing: bool,
     /// Seed of everything random.
@@ -137,6 +148,7 @@ impl Case {
                 let perception = match case.environment.perception {
                     RingPerception::Exact => "",
                     RingPerception::Statistical => "-statistical",
+                    RingPerception::Network => "-network",
                 };
                 let exploring = if case.explores { "-exploring" } else { "" };
                 format!(

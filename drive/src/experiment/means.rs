@@ -4,6 +4,7 @@ use rayon::prelude::*;
 use super::{
     Case, ExperimentError, Figures, Policies, ring_case, scene_case, training_case, truncation_case,
 };
+use crate::Networks;
 
 /// What cases are driven with.
 #[derive(Default)]
@@ -12,6 +13,8 @@ pub struct Means {
     pub policies: Policies,
     /// The errors of statistical percepts.
     pub errors: Option<ErrorModel>,
+    /// The networks of network percepts.
+    pub networks: Option<Networks>,
 }
 
 impl Means {
@@ -21,8 +24,8 @@ impl Means {
     /// When a setting makes no sense or a policy does not fit.
     pub fn drive(&self, case: &Case) -> Result<Figures, ExperimentError> {
         Ok(match case {
-            Case::Loop(case) => Figures::Loop(Box::new(ring_case::drive(case, &self.policies)?)),
-            Case::Scene(case) => Figures::Scene(scene_case::drive(case, self.errors.as_ref())?),
+            Case::Loop(case) => Figures::Loop(Box::new(ring_case::drive(case, self)?)),
+            Case::Scene(case) => Figures::Scene(scene_case::drive(case, self)?),
             Case::Training(case) => Figures::Training(training_case::drive(case)?),
             Case::Truncation(case) => Figures::Truncation(truncation_case::drive(case)?),
         })

@@ -1,6 +1,5 @@
 use std::collections::BTreeMap;
 
-use covista_planner::learning::Environment;
 use covista_traffic::{RingSettings, Scenario};
 use serde::{Deserialize, Serialize};
 
@@ -8,7 +7,7 @@ use super::{
     Behaviour, Case, Experiment, ExperimentError, LoopCase, NetworkedGame, Percepts, Policies,
     SceneCase, Seeds, TrainingCase, TruncationCase, training_case, training_of,
 };
-use crate::{ControlMode, RingEnvironment, RingEnvironmentSettings, environment::BEHAVIOUR_S};
+use crate::{ControlMode, RingEnvironmentSettings, RingPerception, environment::BEHAVIOUR_S};
 
 /// Behaviour steps of an episode: the paper's 40,000 steps of 0.01 s.
 const STEPS: u64 = 800;
@@ -47,6 +46,9 @@ pub struct Plan {
     pub options: ExperimentOptions,
     /// SHA-256 of the policies' files.
     pub policies: BTreeMap<Behaviour, String>,
+    /// SHA-256 of the networks that percepts come from, by their ids.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub networks: BTreeMap<String, String>,
     /// The trainings that were given for their learning curves; without any, they are made.
     pub trainings: Vec<TrainingCase>,
 }
@@ -70,6 +72,7 @@ impl Plan {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             options,
             policies: policies.hashes(),
+            networks: BTreeMap::new(),
             trainings,
         };
         let cases = plan.cases()?;
@@ -81,7 +84,7 @@ impl Plan {
             _ => None,
         });
         if let Some(settings) = with_cavs {
-            policies.check(RingEnvironment::new(settings)?.shape())?;
+            policies.check(settings.shape())?;
         }
         Ok(plan)
     }
@@ -175,6 +178,7 @@ impl Plan {
             LoopCase {
                 behaviour,
                 policy_sha256: policy_sha256.clone(),
+                networks: self.networks_of(environment.perception == RingPerception::Network),
                 environment,
                 explores: false,
                 keeps_headways: self.experiment == Experiment::Headway,
@@ -191,6 +195,7 @@ impl Plan {
                 Case::Scene(SceneCase {
                     scenario: SCENARIO.to_owned(),
                     percepts: self.options.percepts,
+                    networks: self.networks_of(self.options.percepts == Percepts::Network),
                     sharing,
                     seed,
                     duration_s: asked_s.unwrap_or(own_s),
@@ -198,6 +203,15 @@ impl Plan {
             })
         };
         Ok(of(true).chain(of(false)).collect())
+    }
+
+    /// The networks, where a case uses them.
+    fn networks_of(&self, uses: bool) -> BTreeMap<String, String> {
+        if uses {
+            self.networks.clone()
+        } else {
+            BTreeMap::new()
+        }
     }
 
     fn games(&self) -> impl Iterator<Item = Case> {
@@ -276,7 +290,6 @@ pub(super) fn densities() -> impl Iterator<Item = f64> + Clone {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::RingPerception;
 
     fn plan(experiment: Experiment) -> Plan {
         let options = ExperimentOptions {

@@ -1,18 +1,18 @@
 use covista_planner::learning::{Environment, InputShares, Outcome, Situations};
 
 use super::{
-    Behaviour, ExperimentError, Headways, LoopCase, LoopFigures, Policies, behaviour::Decider,
-    human_ring,
+    Behaviour, ExperimentError, Headways, LoopCase, LoopFigures, Means, Policies,
+    behaviour::Decider, human_ring,
 };
 use crate::RingEnvironment;
 
 /// An episode of the case.
-pub(super) fn drive(case: &LoopCase, policies: &Policies) -> Result<LoopFigures, ExperimentError> {
-    let settings = case.environment;
+pub(super) fn drive(case: &LoopCase, means: &Means) -> Result<LoopFigures, ExperimentError> {
+    let (settings, policies) = (case.environment, &means.policies);
     if settings.ring.cavs == 0 {
         return human_ring::drive(case);
     }
-    let mut environment = RingEnvironment::new(settings)?;
+    let mut environment = RingEnvironment::with_networks(settings, means.networks.as_ref())?;
     let shape = environment.shape();
     let mut decider = match case.behaviour {
         Behaviour::Ours | Behaviour::Unshared | Behaviour::MaddpgMapped | Behaviour::Maddpg => {

@@ -1,21 +1,22 @@
 use std::collections::{BTreeMap, BTreeSet};
 
-use covista_sensors::ErrorModel;
 use covista_traffic::{Scenario, VehicleKind};
 
-use super::{ExperimentError, Percepts, SceneCase, SceneFigures};
+use super::{ExperimentError, Means, Percepts, SceneCase, SceneFigures};
 use crate::{ChannelSettings, ControlSettings, RunConfig, RunSummary, Senses, Snapshot, run};
 
 /// Drives the scenario of the case once.
-pub(super) fn drive(
-    case: &SceneCase,
-    errors: Option<&ErrorModel>,
-) -> Result<SceneFigures, ExperimentError> {
+pub(super) fn drive(case: &SceneCase, means: &Means) -> Result<SceneFigures, ExperimentError> {
     let mut senses = match case.percepts {
         Percepts::Truth => Senses::Truth,
-        Percepts::Statistical => Senses::Statistical(Box::new(
-            errors.ok_or(ExperimentError::NoErrorModel)?.clone(),
-        )),
+        Percepts::Statistical => {
+            let errors = means.errors.clone();
+            Senses::Statistical(Box::new(errors.ok_or(ExperimentError::NoErrorModel)?))
+        }
+        Percepts::Network => {
+            let networks = means.networks.clone();
+            Senses::Network(networks.ok_or(ExperimentError::NoNetworks)?)
+        }
     };
     let config = RunConfig {
         scenario: Scenario::builtin(&case.scenario)?,

@@ -105,7 +105,7 @@ pub fn train(
     decisions: u64,
     each: &mut dyn FnMut(&Trainer<RingEnvironment>, &RoundReport),
 ) -> Result<Trainer<RingEnvironment>, ExperimentError> {
-    let mut trainer = config.start()?;
+    let mut trainer = config.start(None)?;
     while trainer.decisions() < decisions {
         let report = trainer.train_round()?;
         each(&trainer, &report);

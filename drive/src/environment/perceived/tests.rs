@@ -2,7 +2,7 @@ use covista_planner::learning::{Environment, Situations};
 use covista_traffic::RingSettings;
 use covista_world::{Action, LaneIndex, ObjectClass, ObjectState, PerceivedObject, StationId};
 
-use super::*;
+use super::{super::sights::Seen, *};
 use crate::{
     RingEnvironment, RingEnvironmentSettings, RingPerception,
     environment::{BEHAVIOUR_STEPS, FRAME_STEPS},
@@ -58,7 +58,7 @@ fn drive(
 }
 
 /// Where the CAV meets a vehicle: the centre of the body.
-fn met(environment: &RingEnvironment, cav: usize, vehicle: usize) -> Se2Pose {
+pub(super) fn met(environment: &RingEnvironment, cav: usize, vehicle: usize) -> Se2Pose {
     let ring = &environment.ring;
     let vehicle = &ring.vehicles()[vehicle];
     let near_m = environment.cavs[cav].frenet.s_m;
@@ -67,7 +67,11 @@ fn met(environment: &RingEnvironment, cav: usize, vehicle: usize) -> Se2Pose {
 }
 
 /// The CAV's track of a vehicle, and how far it is from there.
-fn track_of(environment: &RingEnvironment, cav: usize, vehicle: usize) -> Option<(Track, f64)> {
+pub(super) fn track_of(
+    environment: &RingEnvironment,
+    cav: usize,
+    vehicle: usize,
+) -> Option<(Track, f64)> {
     let center = met(environment, cav, vehicle).position();
     let tracks = environment.knowledge.tracks(&environment.ring, cav);
     let with_error = tracks.into_iter().map(|track| {
