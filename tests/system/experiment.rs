@@ -244,17 +244,20 @@ fn without_the_mapping_unsafe_actions_are_taken() {
         &["--seeds", "1", "--episode", "6"],
     ));
     let rows = rows(&out.path().join("safety.json"));
-    assert_eq!(rows.len(), 2 * 9);
+    assert_eq!(rows.len(), 4 * 9);
     let sum = |algorithm: &str, name: &str| -> u64 {
         let of = rows.iter().filter(|row| row["algorithm"] == algorithm);
         let of = of.map(|row| row[name].as_f64().expect("a number"));
         of.sum::<f64>().round() as u64
     };
-    assert_eq!(sum("ours", "unsafe_actions"), 0);
-    assert_eq!(sum("ours", "violations_unattributed"), 0);
-    assert_eq!(sum("ours", "decisions"), 9 * 18 * 6);
+    for ours in ["ours", "ours, exploring"] {
+        assert_eq!(sum(ours, "unsafe_actions"), 0);
+        assert_eq!(sum(ours, "violations_unattributed"), 0);
+        assert_eq!(sum(ours, "decisions"), 9 * 18 * 6);
+    }
     assert!(sum("maddpg", "unsafe_actions") > 0);
-    assert_eq!(sum("maddpg", "paper_unsafe_actions"), 799_672);
+    assert!(sum("maddpg, exploring", "unsafe_actions") > 0);
+    assert_eq!(sum("maddpg, exploring", "paper_unsafe_actions"), 799_672);
 }
 
 #[test]
@@ -295,7 +298,7 @@ fn action_design_compares_behaviours_with_control_inputs() {
         "{trace}"
     );
     let picture = image::open(out.path().join("action-design.png")).expect("a picture");
-    assert_eq!(picture.width(), 1600);
+    assert_eq!(picture.width(), 2400);
     // Other experiments' cases are written as they were.
     run(&mut learned(
         "headway",
@@ -546,7 +549,7 @@ fn a_report_has_every_experiment_on_one_page() {
     run(learned("safety", out.path(), &options).args(["--shard", "1/2"]));
     let said = run(&mut report());
     assert!(said.contains("headway: 2 of 2 cases"), "{said}");
-    assert!(said.contains("safety: 9 of 18 cases"), "{said}");
+    assert!(said.contains("safety: 18 of 36 cases"), "{said}");
     let page = fs::read_to_string(out.path().join("report.html")).expect("a page");
     assert_eq!(page.matches("src=\"data:image/png;base64,").count(), 2);
     assert!(
@@ -662,6 +665,10 @@ fn a_policy_that_is_missing_or_does_not_fit_is_named() {
     refuse(&["policy-ours.safetensors", "damaged"]);
     fs::write(&ours, whole).expect("written");
     refuse(&["policy-maddpg.safetensors", "--policies"]);
+    let filtered = other.path().join("filtered");
+    train("maddpg", &filtered, "");
+    fs::copy(filtered.join("policy.safetensors"), &maddpg).expect("copied");
+    refuse(&["policy-maddpg.safetensors", "with the safety filter"]);
     fs::copy(policy(policies(), "maddpg"), &maddpg).expect("copied");
     train(
         "safe-actor-critic",
