@@ -257,13 +257,21 @@ fn without_the_mapping_unsafe_actions_are_taken() {
     }
     assert!(sum("maddpg", "unsafe_actions") > 0);
     assert!(sum("maddpg, exploring", "unsafe_actions") > 0);
+    let driven = |name: &str| {
+        let case = json(
+            &out.path()
+                .join(format!("safety/{name}-cavs18-rho0.10-seed9000.json")),
+        );
+        case["figures"].clone()
+    };
+    assert_ne!(driven("ours"), driven("ours-exploring"));
     assert_eq!(sum("maddpg, exploring", "paper_unsafe_actions"), 799_672);
 }
 
 #[test]
 fn action_design_compares_behaviours_with_control_inputs() {
     let out = tempfile::tempdir().expect("a folder");
-    let options = ["--seeds", "2", "--episode", "8"];
+    let options = ["--seeds", "2", "--episode", "60"];
     let said = run(&mut learned("action-design", out.path(), &options));
     for part in ["steering reversals a km", "RMS lateral jerk: less with"] {
         assert!(said.contains(part), "no {part:?} in {said}");
@@ -273,7 +281,7 @@ fn action_design_compares_behaviours_with_control_inputs() {
     assert_eq!(names, ["ours", "end-to-end", "end-to-end-unfiltered"]);
     let [_, theirs, alone] = [0, 1, 2].map(|index| &rows[index]);
     // What has learnt nothing is soon beside the road.
-    assert!(alone["time_s"].as_f64() <= Some(4.0), "{alone}");
+    assert!(alone["time_s"].as_f64().expect("a time") < 30.0, "{alone}");
     assert_eq!(alone["filtered_share"], 0.0);
     for row in &rows[..2] {
         let number = |name: &str| row[name].as_f64().expect("a number");
@@ -291,7 +299,7 @@ fn action_design_compares_behaviours_with_control_inputs() {
         &out.path()
             .join("action-design/end-to-end-cavs18-rho0.30-seed9000.json"),
     );
-    assert_eq!(case["figures"]["loop"]["tally"]["decisions"], 18 * 8);
+    assert_eq!(case["figures"]["loop"]["tally"]["decisions"], 18 * 60);
     let trace = &case["figures"]["loop"]["motion"]["trace"];
     assert!(
         trace.as_array().is_some_and(|trace| trace.len() > 30),

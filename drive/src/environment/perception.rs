@@ -23,6 +23,15 @@ pub enum RingPerception {
 }
 
 impl RingPerception {
+    /// What tells its runs from others in names of files.
+    pub(crate) fn suffix(self) -> &'static str {
+        match self {
+            Self::Exact => "",
+            Self::Statistical => "-statistical",
+            Self::Network => "-network",
+        }
+    }
+
     /// Whether it is without errors.
     pub fn is_exact(&self) -> bool {
         *self == Self::Exact

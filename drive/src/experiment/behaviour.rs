@@ -75,7 +75,7 @@ impl Behaviour {
     /// Its decisions in the time of so many behaviours.
     pub fn decisions_as_long_as(self, behaviours: u64) -> u64 {
         if self.algorithm().is_some_and(Algorithm::steers) {
-            behaviours * BEHAVIOUR_STEPS / STEERING_STEPS
+            behaviours.saturating_mul(BEHAVIOUR_STEPS / STEERING_STEPS)
         } else {
             behaviours
         }

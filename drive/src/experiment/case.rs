@@ -3,7 +3,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::Behaviour;
-use crate::{RingEnvironmentSettings, RingPerception, TrainingConfig};
+use crate::{ControlSettings, RingEnvironmentSettings, RingPerception, TrainingConfig};
 
 /// One run of an experiment, with everything that its outcome depends on.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -80,6 +80,8 @@ pub struct SceneCase {
     pub seed: u64,
     /// Simulated seconds.
     pub duration_s: f64,
+    /// Of the CAVs' controllers.
+    pub control: ControlSettings,
 }
 
 /// A training.
@@ -145,11 +147,7 @@ impl Case {
         match self {
             Self::Loop(case) => {
                 let ring = &case.environment.ring;
-                let perception = match case.environment.perception {
-                    RingPerception::Exact => "",
-                    RingPerception::Statistical => "-statistical",
-                    RingPerception::Network => "-network",
-                };
+                let perception = case.environment.perception.suffix();
                 let exploring = if case.explores { "-exploring" } else { "" };
                 format!(
                     "{}{exploring}-cavs{:02}-rho{:.2}-seed{}{perception}",
@@ -161,7 +159,8 @@ impl Case {
             }
             Self::Scene(case) => {
                 let sharing = if case.sharing { "on" } else { "off" };
-                format!("sharing-{sharing}-seed{}", case.seed)
+                let perception = case.percepts.on_ring().suffix();
+                format!("sharing-{sharing}-seed{}{perception}", case.seed)
             }
             Self::Training(case) => {
                 let training = &case.config.training;

@@ -7,10 +7,12 @@ use super::{
     Behaviour, Case, Experiment, ExperimentError, LoopCase, NetworkedGame, Percepts, Policies,
     SceneCase, Seeds, TrainingCase, TruncationCase, training_case, training_of,
 };
-use crate::{ControlMode, RingEnvironmentSettings, RingPerception, environment::BEHAVIOUR_S};
+use crate::{
+    ControlMode, ControlSettings, RingEnvironmentSettings, RingPerception, environment::BEHAVIOUR_S,
+};
 
 /// Behaviour steps of an episode: the paper's 40,000 steps of 0.01 s.
-const STEPS: u64 = 800;
+pub(super) const STEPS: u64 = 800;
 /// Those of the headway's curve: 250 s, of which the paper shows the first 500 time steps.
 const HEADWAY_STEPS: u64 = 500;
 /// Vehicles on the loop, and the CAVs among them at the paper's CAV ratio of 0.6.
@@ -199,6 +201,7 @@ impl Plan {
                     sharing,
                     seed,
                     duration_s: asked_s.unwrap_or(own_s),
+                    control: ControlSettings::default(),
                 })
             })
         };
@@ -336,13 +339,21 @@ mod tests {
     }
 
     #[test]
-    fn only_maddpg_alone_drives_without_the_filter() {
-        for case in plan(Experiment::Density).cases().expect("cases") {
+    fn only_maddpg_alone_and_who_may_leave_the_road_drive_without_the_filter() {
+        let experiments = [Experiment::Density, Experiment::ActionDesign];
+        let cases = experiments.map(|experiment| plan(experiment).cases().expect("cases"));
+        for case in cases.into_iter().flatten() {
             let Case::Loop(case) = case else {
                 panic!("no loop: {case:?}");
             };
             let is_off = case.environment.control.mode == ControlMode::Off;
-            assert_eq!(is_off, case.behaviour == Behaviour::Maddpg, "{case:?}");
+            let steers_alone = case.behaviour == Behaviour::EndToEndUnfiltered;
+            assert_eq!(
+                is_off,
+                case.behaviour == Behaviour::Maddpg || steers_alone,
+                "{case:?}"
+            );
+            assert_eq!(case.environment.ends_at_collision, steers_alone);
             assert_eq!(
                 case.environment.ring.cavs == 0,
                 case.behaviour == Behaviour::Idm

@@ -3,7 +3,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use covista_traffic::{Scenario, VehicleKind};
 
 use super::{ExperimentError, Means, Percepts, SceneCase, SceneFigures};
-use crate::{ChannelSettings, ControlSettings, RunConfig, RunSummary, Senses, Snapshot, run};
+use crate::{ChannelSettings, RunConfig, RunSummary, Senses, Snapshot, run};
 
 /// Drives the scenario of the case once.
 pub(super) fn drive(case: &SceneCase, means: &Means) -> Result<SceneFigures, ExperimentError> {
@@ -24,7 +24,7 @@ pub(super) fn drive(case: &SceneCase, means: &Means) -> Result<SceneFigures, Exp
         sharing: case.sharing,
         channel: ChannelSettings::default(),
         duration_s: case.duration_s,
-        control: ControlSettings::default(),
+        control: case.control,
     };
     let mut ways = Ways::default();
     let summary = run(&config, &mut senses, &mut |snapshot| {

@@ -7,12 +7,8 @@ use covista_planner::learning::{
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use super::{Behaviour, ExperimentError, LearningCurve, TrainingCase};
+use super::{Behaviour, ExperimentError, LearningCurve, TrainingCase, plan::STEPS};
 use crate::{ControlMode, RingEnvironment, RingEnvironmentSettings, TrainingConfig};
-
-/// Behaviour steps of a training's episode: the paper's 40,000 steps of 0.01 s. In the first minute
-/// the drivers of the faster lanes have not yet closed up behind the slowest.
-const STEPS: u64 = 800;
 
 /// The reward that policies are trained with: a lane change must pay before it is over, and no speed
 /// makes up for an emergency stop.
@@ -25,9 +21,10 @@ pub(super) fn reward() -> Reward {
 }
 
 /// How the policy of `behaviour` is trained where nothing else is said, as the shipped ones were,
-/// with episodes of `steps` behaviour steps if that is given; `None` where nothing is learnt. Only
-/// who learns what differs, that MADDPG has no safety filter, and that the monitor looks on where a
-/// promise is to be kept.
+/// with episodes of `steps` behaviour steps if that is given; `None` where nothing is learnt.
+///
+/// Those who choose behaviours differ in the algorithm and in who has messages and the filter; the
+/// monitor looks on where a promise is to be kept. Who steers has settings for its shorter step.
 pub fn training_of(behaviour: Behaviour, steps: Option<u64>, seed: u64) -> Option<TrainingConfig> {
     let algorithm = behaviour.algorithm()?;
     let mut environment = RingEnvironmentSettings {
@@ -51,7 +48,8 @@ pub fn training_of(behaviour: Behaviour, steps: Option<u64>, seed: u64) -> Optio
         training: TrainingSettings {
             algorithm,
             sharing: Sharing::Shared,
-            objective: if algorithm.steers() {
+            // Who hears nobody knows of no other reward.
+            objective: if algorithm.steers() || !behaviour.shares() {
                 Objective::Own
             } else {
                 Objective::Neighbourhood
@@ -207,22 +205,42 @@ fn parse_curve(text: &str, rounds: u64) -> Result<LearningCurve, String> {
 
 #[cfg(test)]
 mod tests {
+    use covista_planner::learning::LearnedPolicy;
+
     use super::*;
+    use crate::policy_file;
+
+    const LEARNT: [Behaviour; 6] = [
+        Behaviour::Ours,
+        Behaviour::Unshared,
+        Behaviour::MaddpgMapped,
+        Behaviour::Maddpg,
+        Behaviour::EndToEnd,
+        Behaviour::EndToEndUnfiltered,
+    ];
 
     #[test]
     fn the_configurations_beside_the_training_scripts_are_these() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/training/policies");
-        for behaviour in [
-            Behaviour::Ours,
-            Behaviour::Unshared,
-            Behaviour::MaddpgMapped,
-            Behaviour::Maddpg,
-            Behaviour::EndToEnd,
-            Behaviour::EndToEndUnfiltered,
-        ] {
+        for behaviour in LEARNT {
             let name = behaviour.name();
             let read = TrainingConfig::load(&folder.join(format!("{name}.toml"))).expect("read");
             assert_eq!(training_of(behaviour, None, 1), Some(read), "{name}");
+        }
+    }
+
+    #[test]
+    fn the_shipped_policies_were_trained_so() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models");
+        for behaviour in LEARNT {
+            let path = policy_file(&folder, behaviour);
+            let policy = LearnedPolicy::load(&path, 0, None).expect("read");
+            let config = training_of(behaviour, None, 1).expect("learnt");
+            assert_eq!(*policy.settings(), config.training, "{}", path.display());
+            let loops = RingEnvironment::new(config.environment).expect("a loop");
+            let environment: RingEnvironmentSettings =
+                serde_json::from_value(policy.environment().clone()).expect("settings");
+            assert_eq!(environment, *loops.settings(), "{}", path.display());
         }
     }
 

@@ -159,7 +159,9 @@ impl Learner {
         workspace: &mut Workspace,
         actions: &mut [Action],
     ) {
-        self.exploration.fade(self.decisions, &self.settings);
+        if explores {
+            self.exploration.fade(self.decisions, &self.settings);
+        }
         let most = workspace.minibatch.now.shape().rows;
         let batch = &mut workspace.minibatch.now;
         for (chunk, actions) in actions.chunks_mut(most).enumerate() {

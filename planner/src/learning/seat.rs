@@ -141,7 +141,7 @@ impl Seat {
     }
 }
 
-/// What the newest step brought `agent`.
+/// What the newest step brought `agent`, and those who are in reach to tell theirs when it is over.
 fn brought(arena: &Arena, agent: usize, objective: Objective) -> f32 {
     let rewards = &arena.outcome.rewards;
     match objective {
@@ -183,5 +183,32 @@ fn write_central(situations: &Situations, agent: usize, central: &mut [f32]) {
     for (by, to) in central.chunks_exact_mut(global).enumerate() {
         let other = (agent + by) % agents;
         to.copy_from_slice(&situations.global()[other * global..][..global]);
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::float_cmp)] // these numbers are exact
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_neighbourhoods_reward_is_the_mean_of_its_agents() {
+        let shape = Shape {
+            agents: 3,
+            own: 1,
+            neighbours: 3,
+            neighbour: 1,
+            global: 0,
+        };
+        let mut arena = Arena::new(shape);
+        arena.outcome.rewards.copy_from_slice(&[1.0, 5.0, 30.0]);
+        let row = arena.situations.get_mut(1);
+        // A human driver stands between the two CAVs; a third neighbour is not there.
+        row.agents.copy_from_slice(&[Some(0), None, Some(2)]);
+        *row.known = 2;
+        let of = |agent, objective| brought(&arena, agent, objective);
+        assert_eq!(of(1, Objective::Own), 5.0);
+        assert_eq!(of(1, Objective::Neighbourhood), 3.0);
+        assert_eq!(of(2, Objective::Neighbourhood), 30.0);
     }
 }

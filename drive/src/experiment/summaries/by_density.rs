@@ -7,16 +7,31 @@ use crate::{
     },
 };
 
-/// The runs of a behaviour at a density, those that explore or the others.
-fn at_density<'a>(
-    loops: &Loops<'a>,
+/// Who drives, and whether while exploring.
+#[derive(Clone, Copy)]
+struct Driver {
     behaviour: Behaviour,
     explores: bool,
-    density: f64,
-) -> Vec<&'a LoopFigures> {
+}
+
+impl Driver {
+    fn key(self) -> (&'static str, Key) {
+        let exploring = if self.explores { ", exploring" } else { "" };
+        let name = format!("{}{exploring}", self.behaviour.name());
+        ("algorithm", Key::Text(name))
+    }
+
+    /// The paper counts in the last episodes of its training.
+    fn paper_unsafe_actions(self, index: usize) -> Option<f64> {
+        paper::unsafe_actions(self.behaviour, index).filter(|_| self.explores)
+    }
+}
+
+/// The runs of a driver at a density.
+fn at_density<'a>(loops: &Loops<'a>, driver: Driver, density: f64) -> Vec<&'a LoopFigures> {
     let is_of = |case: &LoopCase| {
-        case.behaviour == behaviour
-            && case.explores == explores
+        case.behaviour == driver.behaviour
+            && case.explores == driver.explores
             && (case.environment.ring.density - density).abs() < 1e-9
     };
     let runs = loops.iter().filter(|(case, _)| is_of(case));
@@ -27,41 +42,34 @@ fn at_density<'a>(
 fn by_density(
     loops: &Loops<'_>,
     experiment: Experiment,
-    quantities: impl Fn(Option<f64>, &[&LoopFigures]) -> Vec<Quantity>,
+    quantities: impl Fn(Driver, usize, &[&LoopFigures]) -> Vec<Quantity>,
 ) -> Vec<Row> {
     let mut rows = Vec::new();
-    for explores in [false, true] {
-        for &behaviour in experiment.behaviours() {
-            for (index, rho) in densities().enumerate() {
-                let runs = at_density(loops, behaviour, explores, rho);
-                if !runs.is_empty() {
-                    let paper = paper_unsafe(behaviour, explores, index);
-                    rows.push(Row {
-                        keys: vec![driver(behaviour, explores), ("density", Key::Number(rho))],
-                        seeds: runs.len(),
-                        quantities: quantities(paper, &runs),
-                    });
-                }
+    let drivers = [false, true].into_iter().flat_map(|explores| {
+        let behaviours = experiment.behaviours().iter();
+        behaviours.map(move |&behaviour| Driver {
+            behaviour,
+            explores,
+        })
+    });
+    for driver in drivers {
+        for (index, rho) in densities().enumerate() {
+            let runs = at_density(loops, driver, rho);
+            if !runs.is_empty() {
+                rows.push(Row {
+                    keys: vec![driver.key(), ("density", Key::Number(rho))],
+                    seeds: runs.len(),
+                    quantities: quantities(driver, index, &runs),
+                });
             }
         }
     }
     rows
 }
 
-/// The paper counts in the last episodes of its training.
-fn paper_unsafe(behaviour: Behaviour, explores: bool, index: usize) -> Option<f64> {
-    explores.then(|| paper::unsafe_actions(behaviour, index))?
-}
-
-fn driver(behaviour: Behaviour, explores: bool) -> (&'static str, Key) {
-    let exploring = if explores { ", exploring" } else { "" };
-    let name = format!("{}{exploring}", behaviour.name());
-    ("algorithm", Key::Text(name))
-}
-
 /// Flow and comfort by density.
 pub(super) fn density(loops: &Loops<'_>) -> Results {
-    let rows = by_density(loops, Experiment::Density, |_, runs| {
+    let rows = by_density(loops, Experiment::Density, |_, _, runs| {
         vec![
             quantity(
                 ("flow", "flow rho v, m/s", 3),
@@ -112,9 +120,9 @@ pub(super) fn safety(loops: &Loops<'_>) -> Results {
     let watched = |of: fn(&RingSafety) -> usize| {
         move |run: &LoopFigures| run.safety.as_ref().map(|safety| of(safety) as f64)
     };
-    let rows = by_density(loops, Experiment::Safety, |paper_unsafe, runs| {
+    let rows = by_density(loops, Experiment::Safety, |driver, index, runs| {
         vec![
-            unsafe_actions(runs, paper_unsafe),
+            unsafe_actions(runs, driver.paper_unsafe_actions(index)),
             quantity(
                 ("decisions", "decisions", 0),
                 runs,
@@ -167,7 +175,7 @@ pub(super) fn safety(loops: &Loops<'_>) -> Results {
             "decisions",
         )],
         notes: vec![
-            "An action is unsafe when the filter's verdict on it, at the moment of the decision, is unsafe. Counts are of one episode. Those who explore take a random action in place of their own as often as at the end of their training, ours a safe one: the paper's counts are of the last ten episodes of its training, each of up to 40,000 steps.".into(),
+            "An action is unsafe when the filter's verdict on it, at the moment of the decision, is unsafe. Counts are of one episode. Those who explore take a random action in place of their own as often as the settings of their training end with (5 % of the time), ours a safe one: the paper's counts are of the last ten episodes of its training, each of up to 40,000 steps.".into(),
         ],
         rows,
         claims: Vec::new(),
