@@ -122,7 +122,11 @@ fn draw_panel<'a>(
         .label_style(font(18))
         .axis_desc_style(font(20))
         .draw()?;
-    for curve in &panel.curves {
+    for (curve, later) in panel
+        .curves
+        .iter()
+        .zip((0..panel.curves.len() as u32).rev())
+    {
         let index = labels.iter().position(|label| *label == curve.label);
         let color = rgb(palette::series_color(index.unwrap_or(0)));
         let points: Vec<_> = curve.finite().collect();
@@ -135,8 +139,13 @@ fn draw_panel<'a>(
             chart.draw_series(LineSeries::new(line, color.stroke_width(2)))?;
             continue;
         }
-        chart.draw_series(LineSeries::new(line.clone(), color.stroke_width(3)))?;
-        chart.draw_series(line.map(|place| Circle::new(place, 5, color.filled())))?;
+        // Wider below, so that a curve shows beside one that coincides with it.
+        let margin = 2 * later.min(4);
+        chart.draw_series(LineSeries::new(
+            line.clone(),
+            color.stroke_width(3 + margin),
+        ))?;
+        chart.draw_series(line.map(|place| Circle::new(place, 5 + margin / 2, color.filled())))?;
         chart.draw_series(points.iter().map(|&[x, y, spread]| {
             PathElement::new([(x, y - spread), (x, y + spread)], color.stroke_width(2))
         }))?;
