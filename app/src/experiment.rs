@@ -39,6 +39,16 @@ pub fn run(args: &ExperimentArgs) -> anyhow::Result<()> {
     if let Some(json) = &args.json {
         prepare_file(json)?;
     }
+    let options = options(args);
+    // Networks that cannot be used are told before anything is trained.
+    let (networks, hashes) = match options.percepts {
+        Percepts::Network => {
+            let models = args.models.as_deref();
+            let networks = networks(models, usize::MAX, ProviderArg::default())?;
+            (Some(networks), network_hashes(models)?)
+        }
+        Percepts::Truth | Percepts::Statistical => (None, BTreeMap::new()),
+    };
     let store = Store::new(&args.out, experiment);
     let (mut trainings, mut given) = (Vec::new(), Vec::new());
     for folder in &args.trained {
@@ -46,27 +56,11 @@ pub fn run(args: &ExperimentArgs) -> anyhow::Result<()> {
         trainings.push(training.clone());
         given.push((Case::Training(training), Figures::Training(curve)));
     }
-    let options = options(args);
     let policies = policies(args, &options)?;
-    let (models, is_networks) = (
-        args.models.as_deref(),
-        options.percepts == Percepts::Network,
-    );
-    let plan = Plan {
-        networks: if is_networks {
-            network_hashes(models)?
-        } else {
-            BTreeMap::new()
-        },
-        ..Plan::new(experiment, options, &policies, trainings)?
-    };
+    let plan = Plan::new(experiment, options, &policies, hashes, trainings)?;
     let errors = match options.percepts {
         Percepts::Statistical => Some(ErrorModel::builtin()?),
         Percepts::Truth | Percepts::Network => None,
-    };
-    let networks = match options.percepts {
-        Percepts::Network => Some(networks(models, usize::MAX, ProviderArg::default())?),
-        Percepts::Truth | Percepts::Statistical => None,
     };
     store.begin(&plan)?;
     for (case, figures) in &given {

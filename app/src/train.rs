@@ -2,7 +2,7 @@
 
 mod curve;
 
-use std::{path::Path, time::Instant};
+use std::{collections::BTreeMap, path::Path, time::Instant};
 
 use anyhow::{Context, bail};
 use covista_drive::{RingEnvironment, RingPerception, Trainer, TrainingConfig};
@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 
 use crate::{
     cli::{ProviderArg, TrainArgs},
-    frames::networks,
+    frames::{network_hashes, networks},
     output::{prepare_folder, say, write_json},
 };
 use curve::{Curve, CurveRow};
@@ -27,23 +27,24 @@ pub fn run(args: &TrainArgs) -> anyhow::Result<()> {
         Some(path) => TrainingConfig::load(path)?,
         None => TrainingConfig::default(),
     };
-    let networks = match config.environment.perception {
-        RingPerception::Network => Some(networks(
-            args.models.as_deref(),
-            usize::MAX,
-            ProviderArg::default(),
-        )?),
+    let models = args.models.as_deref();
+    let (networks, hashes) = match config.environment.perception {
+        RingPerception::Network => {
+            let networks = networks(models, usize::MAX, ProviderArg::default())?;
+            (Some(networks), network_hashes(models)?)
+        }
         RingPerception::Exact | RingPerception::Statistical => {
-            if args.models.is_some() {
+            if models.is_some() {
                 bail!("--models is for environment.perception = \"network\" in --config");
             }
-            None
+            (None, BTreeMap::new())
         }
     };
+    let settings = settings_of(&config, &hashes);
     let checkpoint = args.out.join("checkpoint.safetensors");
     let goes_on = args.resume && checkpoint.exists();
     let (mut trainer, mut curve) = if goes_on {
-        check_settings(&config, &args.out)?;
+        check_settings(&settings, &args.out)?;
         let trainer = config.resume(&checkpoint, networks.as_ref())?;
         let curve = Curve::load(&args.out, trainer.rounds())?;
         (trainer, curve)
@@ -82,7 +83,7 @@ pub fn run(args: &TrainArgs) -> anyhow::Result<()> {
         curve.push(row);
         bar.set_position(trainer.decisions().min(decisions));
         if trainer.rounds() % CHECKPOINT_ROUNDS == 0 || trainer.decisions() >= decisions {
-            keep(&trainer, &config, args, &curve)?;
+            keep(&trainer, settings.clone(), args, &curve)?;
         }
     }
     bar.finish_and_clear();
@@ -114,14 +115,13 @@ pub fn run(args: &TrainArgs) -> anyhow::Result<()> {
 /// Writes all that is needed to go on, to drive and to look at.
 fn keep(
     trainer: &Trainer<RingEnvironment>,
-    config: &TrainingConfig,
+    mut settings: Value,
     args: &TrainArgs,
     curve: &Curve,
 ) -> anyhow::Result<()> {
     trainer.save(&args.out.join("checkpoint.safetensors"))?;
     trainer.save_policy(&args.out.join("policy.safetensors"))?;
     curve.save(&args.out)?;
-    let mut settings = settings_of(config);
     settings["command"] = "train".into();
     settings["version"] = env!("CARGO_PKG_VERSION").into();
     settings["rounds"] = trainer.rounds().into();
@@ -130,16 +130,21 @@ fn keep(
     write_json(&args.out.join("settings.json"), &settings)
 }
 
-fn settings_of(config: &TrainingConfig) -> Value {
-    json!({
+/// What a training depends on, with the SHA-256 of its `networks` by their ids where it has any.
+fn settings_of(config: &TrainingConfig, networks: &BTreeMap<String, String>) -> Value {
+    let mut settings = json!({
         "environments": config.environments,
         "environment": config.environment,
         "training": config.training,
-    })
+    });
+    if !networks.is_empty() {
+        settings["networks"] = json!(networks);
+    }
+    settings
 }
 
 /// Refuses to go on with other settings than the training in `folder` began with.
-fn check_settings(config: &TrainingConfig, folder: &Path) -> anyhow::Result<()> {
+fn check_settings(settings: &Value, folder: &Path) -> anyhow::Result<()> {
     let file = folder.join("settings.json");
     let place = file.display();
     let text = std::fs::read_to_string(&file)
@@ -147,14 +152,14 @@ fn check_settings(config: &TrainingConfig, folder: &Path) -> anyhow::Result<()> 
     let began: Value = serde_json::from_str(&text)
         .with_context(|| format!("{place} is no JSON; leave out --resume to begin anew"))?;
     // By way of text, as those came: numbers may lose their last bit in it.
-    let asked: Value = serde_json::from_str(&settings_of(config).to_string())?;
-    let parts = ["environments", "environment", "training"];
+    let asked: Value = serde_json::from_str(&settings.to_string())?;
+    let parts = ["environments", "environment", "training", "networks"];
     let mut differ = parts
         .iter()
         .map(|part| difference(&began[part], &asked[part], part));
     match differ.find_map(|field| field) {
         Some(field) => bail!(
-            "the training of {place} has another {field} than --config; give the same settings, or leave out --resume to begin anew"
+            "the training of {place} has another {field} than --config and --models; give the same, or leave out --resume to begin anew"
         ),
         None => Ok(()),
     }

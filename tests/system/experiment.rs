@@ -410,6 +410,11 @@ fn percepts_may_come_from_the_networks() {
     refused.arg("--models").arg(empty.path());
     assert_one_line_error(&mut refused, &["ufld-resnet18"]);
     assert!(!out.path().join("headway").exists());
+    // Before anything is trained.
+    let mut refused = experiment("headway", out.path(), &options);
+    refused.arg("--retrain").arg("--models").arg(&nowhere);
+    assert_one_line_error(&mut refused, &["nowhere", "name the folder"]);
+    assert!(!out.path().join("policies").exists());
 }
 
 #[test]

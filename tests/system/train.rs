@@ -107,8 +107,20 @@ fn a_training_may_see_with_the_networks() {
     let mut command = train(TINY, folder.path(), &["--models", models]);
     assert_one_line_error(&mut command, &["--models", "environment.perception"]);
     trained(&network, folder.path(), &["--decisions", "1"]);
-    let settings = fs::read_to_string(folder.path().join("run/settings.json"));
-    assert!(settings.expect("settings").contains("\"network\""));
+    let file = folder.path().join("run/settings.json");
+    let settings = fs::read_to_string(&file).expect("settings");
+    assert!(settings.contains("\"network\""), "{settings}");
+
+    let mut other: serde_json::Value = serde_json::from_str(&settings).expect("JSON");
+    let hash = &mut other["networks"]["pointpillars"];
+    assert_eq!(hash.as_str().map(str::len), Some(64), "{settings}");
+    *hash = "0".repeat(64).into();
+    fs::write(&file, other.to_string()).expect("written");
+    let mut goes_on = train(&network, folder.path(), &["--resume"]);
+    let parts = ["settings.json", "another networks.pointpillars", "--models"];
+    assert_one_line_error(&mut goes_on, &parts);
+    fs::write(&file, settings).expect("written");
+    trained(&network, folder.path(), &["--resume", "--decisions", "3"]);
 }
 
 #[test]

@@ -9,7 +9,7 @@ use covista_planner::{self as planner, InvalidObservation};
 use covista_sharing::{OwnState, Tracker, TrackerSettings};
 use covista_traffic::Ring;
 use covista_world::{
-    Calibration, CollectivePerceptionMessage, LaneIndex, Percept, Road, Se2Pose, Track,
+    Calibration, CollectivePerceptionMessage, LANE_COUNT, LaneIndex, Percept, Road, Se2Pose, Track,
 };
 use nalgebra::Vector2;
 
@@ -142,17 +142,10 @@ impl Knowledge for Perceived {
         let Eyes::Network(rendered) = &self.eyes else {
             return None;
         };
-        let (space, known) = (rendered.free_space(index)?, &self.minds[index].neighbours);
-        let calibration = &self.calibration;
-        Some(seen_free(
-            space,
-            pose,
-            calibration,
-            known,
-            road,
-            time_s,
-            safety,
-        ))
+        let blind = SightLine::new([f64::NEG_INFINITY; LANE_COUNT as usize], time_s);
+        let (known, calibration) = (&self.minds[index].neighbours, &self.calibration);
+        let free = |space: &_| seen_free(space, pose, calibration, known, road, time_s, safety);
+        Some(rendered.free_space(index).map_or(blind, free))
     }
 
     fn knows(&self, index: usize, lane: LaneIndex, body: &Shape) -> bool {

@@ -67,7 +67,8 @@ pub(super) trait Knowledge: Send {
     /// When a network fails.
     fn frame(&mut self, frame: &Frame<'_>) -> Result<(), PerceiveError>;
 
-    /// How far CAV `index` at `pose` sees each lane free by its sweep, where it has one.
+    /// How far CAV `index` at `pose` sees each lane free by its sweep; nowhere, without one. `None`
+    /// where free sight is not measured, but exact.
     fn sight(
         &self,
         _index: usize,

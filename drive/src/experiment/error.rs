@@ -33,7 +33,9 @@ pub enum ExperimentError {
     #[error("statistical percepts need an error model; give one")]
     NoErrorModel,
     /// Percepts are asked for whose networks were not opened.
-    #[error("percepts of networks need the networks; open them before the cases are driven")]
+    #[error(
+        "percepts of networks need the networks; open them, and name their hashes, before the cases are driven"
+    )]
     NoNetworks,
     /// A file of `covista train` that cannot be used.
     #[error("{path}: {problem}; give a folder that `covista train` has written")]

@@ -56,25 +56,29 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// The experiment with these options and policies.
+    /// The experiment with these options, policies and SHA-256 of networks by their ids.
     ///
     /// # Errors
-    /// When an option makes no sense or a policy does not fit the loop.
+    /// When an option makes no sense, networks are missing or a policy does not fit the loop.
     pub fn new(
         experiment: Experiment,
         options: ExperimentOptions,
         policies: &Policies,
+        networks: BTreeMap<String, String>,
         trainings: Vec<TrainingCase>,
     ) -> Result<Self, ExperimentError> {
         if options.steps == Some(0) {
             return Err(ExperimentError::NoSteps);
+        }
+        if options.percepts == Percepts::Network && networks.is_empty() {
+            return Err(ExperimentError::NoNetworks);
         }
         let plan = Self {
             experiment,
             version: env!("CARGO_PKG_VERSION").to_owned(),
             options,
             policies: policies.hashes(),
-            networks: BTreeMap::new(),
+            networks,
             trainings,
         };
         let cases = plan.cases()?;
@@ -294,14 +298,38 @@ pub(super) fn densities() -> impl Iterator<Item = f64> + Clone {
 mod tests {
     use super::*;
 
-    fn plan(experiment: Experiment) -> Plan {
+    fn plan_with(
+        experiment: Experiment,
+        percepts: Percepts,
+        networks: BTreeMap<String, String>,
+    ) -> Result<Plan, ExperimentError> {
         let options = ExperimentOptions {
             seeds: Seeds::default(),
             steps: None,
-            percepts: Percepts::Truth,
+            percepts,
             decisions: 20_000,
         };
-        Plan::new(experiment, options, &Policies::default(), Vec::new()).expect("a plan")
+        let policies = Policies::default();
+        Plan::new(experiment, options, &policies, networks, Vec::new())
+    }
+
+    fn plan(experiment: Experiment) -> Plan {
+        plan_with(experiment, Percepts::Truth, BTreeMap::new()).expect("a plan")
+    }
+
+    #[test]
+    fn percepts_of_networks_are_those_of_certain_networks() {
+        let of = |networks| plan_with(Experiment::ObstacleAtCorner, Percepts::Network, networks);
+        let none = of(BTreeMap::new());
+        assert!(matches!(none, Err(ExperimentError::NoNetworks)), "{none:?}");
+        let networks = BTreeMap::from([("pointpillars".to_owned(), "0".repeat(64))]);
+        let plan = of(networks.clone()).expect("a plan");
+        for case in plan.cases().expect("cases") {
+            let Case::Scene(case) = case else {
+                panic!("no scene: {case:?}");
+            };
+            assert_eq!(case.networks, networks);
+        }
     }
 
     #[test]

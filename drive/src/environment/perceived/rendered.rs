@@ -58,8 +58,7 @@ impl Rendered {
         frame: &Frame<'_>,
         calibration: &Calibration,
     ) -> Result<FramePercepts, PerceiveError> {
-        let ([eye_s_m, _], _) = frame.sights.about(index);
-        let scene = frame.ring.scene_near(eye_s_m);
+        let scene = frame.ring.scene_near(frame.cavs[index].frenet.s_m);
         let view = Viewpoint {
             scene: &scene,
             rays: &RayScene::new(&scene),

@@ -1,13 +1,18 @@
 use std::path::Path;
 
+use covista_control::SightLine;
 use covista_perception::{OnnxRuntime, SessionSettings};
 use covista_traffic::RingSettings;
-use covista_world::Track;
+use covista_world::{LaneIndex, Track};
 
 use super::*;
 use crate::{
     RingEnvironment, RingEnvironmentSettings, RingPerception,
-    environment::{FRAME_STEPS, perceived::tests::track_of},
+    environment::{
+        FRAME_STEPS,
+        perceived::{Eyes, Perceived, tests::track_of},
+        perception::Knowledge,
+    },
 };
 
 fn open(folder: &Path) -> Result<Networks, covista_perception::ModelError> {
@@ -58,6 +63,56 @@ fn whoever_is_in_plain_view_is_tracked_near_the_truth() {
     assert_eq!(errors_m.len(), plain, "{errors_m:?}");
     let mean_m = errors_m.iter().sum::<f64>() / errors_m.len() as f64;
     assert!((0.01..0.6).contains(&mean_m), "{errors_m:?}");
+}
+
+/// Road s up to which each lane is seen free.
+fn open_s_m(sight: &SightLine) -> Vec<f64> {
+    LaneIndex::all().map(|lane| sight.open_s_m(lane)).collect()
+}
+
+/// How far CAV `index` of `ring` sees each lane free by `knowledge`.
+fn sight(ring: &RingEnvironment, knowledge: &dyn Knowledge, index: usize) -> SightLine {
+    let (road, safety) = (ring.profile.road(), &ring.settings.control.safety);
+    let (pose, time_s) = (ring.cavs[index].state.pose, ring.ring.time_s());
+    let sight = knowledge.sight(index, pose, road, time_s, safety);
+    sight.expect("measured, not exact")
+}
+
+#[test]
+fn how_far_lanes_are_free_is_measured_by_the_sweep() {
+    let networks = networks();
+    let ring = RingEnvironment::with_networks(settings(), Some(&networks)).expect("a ring");
+    let (road, safety) = (ring.profile.road(), &ring.settings.control.safety);
+    let mut free = Vec::new();
+    for (index, cav) in ring.cavs.iter().enumerate() {
+        let measured_s_m = open_s_m(&sight(&ring, &*ring.knowledge, index));
+        assert_eq!(open_s_m(&cav.sight), measured_s_m);
+        let exact = ring.sights.free(index, 0.0, road, safety, |_, _| true);
+        let exact_s_m = open_s_m(&exact);
+        let pairs = measured_s_m.into_iter().zip(exact_s_m);
+        let from_here = pairs.map(|(one, other)| [one, other].map(|s_m| s_m - cav.frenet.s_m));
+        eprintln!("{:?}", from_here.clone().collect::<Vec<_>>());
+        free.extend(from_here.filter(|[_, exact_m]| *exact_m > 50.0));
+    }
+    assert!(!free.is_empty());
+    for [measured_m, exact_m] in free {
+        let apart_m = (measured_m - exact_m).abs();
+        assert!(0.0 < apart_m && apart_m < 3.0, "{measured_m} {exact_m}");
+    }
+}
+
+#[test]
+fn without_a_sweep_no_lane_is_free() {
+    let networks = networks();
+    let ring = RingEnvironment::with_networks(settings(), Some(&networks)).expect("a ring");
+    let before_the_first = Perceived::new(Eyes::Network(Rendered::new(networks)), &ring.cavs);
+    for index in 0..2 {
+        let blind = sight(&ring, &before_the_first, index);
+        for lane in LaneIndex::all() {
+            let free = [blind.open_s_m(lane), blind.clear_s_m(lane)];
+            assert_eq!(free, [f64::NEG_INFINITY; 2]);
+        }
+    }
 }
 
 /// All tracks of the third frame of a ring on so many threads.
