@@ -110,7 +110,7 @@ fn without_a_sweep_no_lane_is_free() {
         let blind = sight(&ring, &before_the_first, index);
         for lane in LaneIndex::all() {
             let free = [blind.open_s_m(lane), blind.clear_s_m(lane)];
-            assert_eq!(free, [f64::NEG_INFINITY; 2]);
+            assert!(free.iter().all(|end_m| *end_m < f64::MIN), "{free:?}");
         }
     }
 }
