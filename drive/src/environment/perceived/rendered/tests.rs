@@ -3,7 +3,7 @@ use std::path::Path;
 use covista_control::SightLine;
 use covista_perception::{OnnxRuntime, SessionSettings};
 use covista_traffic::RingSettings;
-use covista_world::{LaneIndex, Track};
+use covista_world::{LANE_COUNT, LaneIndex, Track};
 
 use super::*;
 use crate::{
@@ -91,13 +91,12 @@ fn how_far_lanes_are_free_is_measured_by_the_sweep() {
         let exact_s_m = open_s_m(&exact);
         let pairs = measured_s_m.into_iter().zip(exact_s_m);
         let from_here = pairs.map(|(one, other)| [one, other].map(|s_m| s_m - cav.frenet.s_m));
-        eprintln!("{:?}", from_here.clone().collect::<Vec<_>>());
-        free.extend(from_here.filter(|[_, exact_m]| *exact_m > 50.0));
+        free.extend(from_here.filter(|[_, exact_m]| *exact_m > 25.0));
     }
-    assert!(!free.is_empty());
+    assert!(free.len() >= 4, "{free:?}");
     for [measured_m, exact_m] in free {
         let apart_m = (measured_m - exact_m).abs();
-        assert!(0.0 < apart_m && apart_m < 3.0, "{measured_m} {exact_m}");
+        assert!(0.0 < apart_m && apart_m < 1.5, "{measured_m} {exact_m}");
     }
 }
 
@@ -106,12 +105,9 @@ fn without_a_sweep_no_lane_is_free() {
     let networks = networks();
     let ring = RingEnvironment::with_networks(settings(), Some(&networks)).expect("a ring");
     let before_the_first = Perceived::new(Eyes::Network(Rendered::new(networks)), &ring.cavs);
+    let blind = SightLine::new([f64::NEG_INFINITY; LANE_COUNT as usize], 0.0);
     for index in 0..2 {
-        let blind = sight(&ring, &before_the_first, index);
-        for lane in LaneIndex::all() {
-            let free = [blind.open_s_m(lane), blind.clear_s_m(lane)];
-            assert!(free.iter().all(|end_m| *end_m < f64::MIN), "{free:?}");
-        }
+        assert_eq!(sight(&ring, &before_the_first, index), blind);
     }
 }
 
