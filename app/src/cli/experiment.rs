@@ -54,7 +54,7 @@ pub struct ExperimentArgs {
     /// Drive every Nth case only, beginning with the Ith
     #[arg(long, value_name = "I/N", default_value = "1/1")]
     pub shard: Shard,
-    /// Behaviour steps of an episode, 0.5 s each [default: 800; headway 500, training 200,
+    /// Behaviour steps of an episode, 0.5 s each [default: 800; headway 500,
     /// obstacle-at-corner the scenario's length]
     #[arg(long, value_name = "STEPS")]
     pub episode: Option<NonZeroU32>,
